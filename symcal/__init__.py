@@ -1,0 +1,1 @@
+"""Kinematic calibration of serial robots, from the symbolic model to the controller."""

@@ -1,0 +1,61 @@
+"""Everything that symcal refuses, as one family of exceptions.
+
+The command line turns any `SymcalError` into one message and exit code 1; a traceback therefore always means a bug of ours.
+Children carry their facts as attributes, so that a program can react without parsing the message.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+from pathlib import Path
+
+
+class SymcalError(Exception):
+    """Root of all errors that the user can mend."""
+
+
+class InputError(SymcalError):
+    """A file says something that cannot be used.
+
+    Attributes:
+        message: what is wrong and what to do.
+        file, line, key: where; each may be None when it does not apply. Lines count from 1.
+        found: the offending value as text. allowed: the values that would do.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        file: Path | str | None = None,
+        line: int | None = None,
+        key: str | None = None,
+        found: object = None,
+        allowed: Iterable[str] = (),
+    ) -> None:
+        self.message = message
+        self.file = None if file is None else Path(file)
+        self.line = line
+        self.key = key
+        self.found = None if found is None else str(found)
+        self.allowed = tuple(allowed)
+        super().__init__(message)
+
+    def __str__(self) -> str:
+        where = "" if self.file is None else str(self.file)
+        if self.line is not None:
+            where += f":{self.line}" if where else f"line {self.line}"
+        parts = [where, f"key '{self.key}'" if self.key else "", self.message]
+        text = ": ".join(part for part in parts if part)
+        if self.found is not None:
+            text += f" (found: {self.found})"
+        if self.allowed:
+            close = get_close_matches(self.found or (self.key or "").rpartition(".")[2], self.allowed, n=1)
+            hint = f"did you mean '{close[0]}'? " if close else ""
+            text += f"; {hint}allowed: {', '.join(self.allowed)}"
+        return text
+
+
+class RefusedError(SymcalError):
+    """The input is readable, but what is asked cannot be done honestly with it: the message says why and what would help."""

@@ -1,0 +1,272 @@
+"""Pinhole camera with lens distortion, and the geometry of what it looks at: boards and disc targets.
+
+Conventions are OpenCV's: x right, y down, z along the view; integer pixel coordinates are pixel centres, so that
+the image covers [-0.5, width - 0.5] x [-0.5, height - 0.5]. OpenCV itself is not needed here.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+from typing import Any, Literal, cast, get_args
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from symcal.errors import InputError
+
+INTRINSIC_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+
+Float = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """Intrinsics of one camera, in pixels.
+
+    Attributes:
+        width, height: image size, px.
+        fx, fy, cx, cy: focal lengths and principal point, px.
+        dist: (k1, k2, p1, p2, k3); fewer are filled up with zeros.
+        covariance: of the nine `INTRINSIC_NAMES`, shape (9, 9), zero rows where a number was held; None if unknown.
+        rms_px: reprojection error of the calibration (root mean square of the point distances), None when unknown.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    dist: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    covariance: Float | None = field(default=None, compare=False)
+    rms_px: float | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.dist) > 5:
+            raise InputError(
+                "at most five distortion coefficients (k1, k2, p1, p2, k3)", key="distortion", found=len(self.dist)
+            )
+        object.__setattr__(self, "dist", (*(float(k) for k in self.dist), *(0.0,) * (5 - len(self.dist))))
+        for name in ("width", "height", "fx", "fy"):
+            if not getattr(self, name) > 0:
+                raise InputError("must be positive", key=name, found=getattr(self, name))
+        if self.covariance is not None and np.shape(self.covariance) != (9, 9):
+            raise InputError("must be a 9 x 9 matrix", key="covariance", found=np.shape(self.covariance))
+
+    @property
+    def matrix(self) -> Float:
+        """Camera matrix K, shape (3, 3), px."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def intrinsics(self) -> Float:
+        """The nine numbers in the order of `INTRINSIC_NAMES`, shape (9,)."""
+        return np.array([self.fx, self.fy, self.cx, self.cy, *self.dist])
+
+
+def distort(x: Any, y: Any, dist: Any) -> tuple[Any, Any]:
+    r"""Distorted normalised coordinates.
+
+    x_d = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2), y_d likewise with p1 and p2 swapped.
+
+    Args:
+        x: X / Z; SX, float or array.
+        y: Y / Z, of the same kind.
+        dist: k1, k2, p1, p2, k3.
+    Source: [Brown1966] in the form and order of OpenCV.
+    """
+    k1, k2, p1, p2, k3 = (dist[i] for i in range(5))
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    return (
+        x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+        y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+    )
+
+
+def project(point_camera: ca.SX, intrinsics: ca.SX) -> ca.SX:
+    """Image point of a point in the camera frame, symbolic.
+
+    (u, v) = (fx x_d + cx, fy y_d + cy), with (x_d, y_d) of `distort`.
+
+    Args:
+        point_camera: shape (3,), any length unit, Z > 0.
+        intrinsics: shape (9,), order of `INTRINSIC_NAMES`.
+    Returns:
+        (u, v), shape (2,), px.
+    """
+    x, y = point_camera[0] / point_camera[2], point_camera[1] / point_camera[2]
+    xd, yd = distort(x, y, intrinsics[4:])
+    pixel: ca.SX = ca.vertcat(intrinsics[0] * xd + intrinsics[2], intrinsics[1] * yd + intrinsics[3])
+    return pixel
+
+
+def project_points(camera: Camera, points_camera: Float) -> Float:
+    """Image points of many points in the camera frame, numeric.
+
+    Args:
+        camera: numbers and distortion.
+        points_camera: shape (..., 3), mm.
+    Returns:
+        shape (..., 2), px; NaN where Z <= 0 or beyond the radius at which the distortion folds back (`fold_radius`).
+    """
+    points = np.asarray(points_camera, dtype=np.float64)
+    front = points[..., 2] > 0
+    z = np.where(front, points[..., 2], 1.0)
+    x, y = points[..., 0] / z, points[..., 1] / z
+    xd, yd = distort(x, y, camera.dist)
+    seen = front & (np.hypot(x, y) < fold_radius(camera))
+    pixels = np.stack([camera.fx * xd + camera.cx, camera.fy * yd + camera.cy], axis=-1)
+    return cast(Float, np.where(seen[..., None], pixels, np.nan))
+
+
+def in_image(camera: Camera, pixels: Float, margin: float = 0.0) -> NDArray[np.bool_]:
+    """Whether image points, shape (..., 2), lie at least `margin` px inside the image's border (NaN: no)."""
+    u, v = pixels[..., 0], pixels[..., 1]
+    low = margin - 0.5
+    return (u >= low) & (u <= camera.width - 0.5 - margin) & (v >= low) & (v <= camera.height - 0.5 - margin)
+
+
+def fold_radius(camera: Camera) -> float:
+    """Radius of undistorted normalised coordinates at which radial distortion stops growing; inf if it never does.
+
+    The smallest positive root r of 1 + 3 k1 r^2 + 5 k2 r^4 + 7 k3 r^6: points beyond it, far outside the view,
+    would fold back into the image. Tangential terms are neglected.
+    """
+    k1, k2, _, _, k3 = camera.dist
+    roots = np.roots(np.trim_zeros(np.array([7 * k3, 5 * k2, 3 * k1, 1.0]), "f"))
+    real = roots[np.isreal(roots)].real
+    positive = real[real > 0]
+    return math.sqrt(positive.min()) if positive.size else math.inf
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """Equal discs on a plate, fixed to the robot's tool.
+
+    Attributes:
+        names: one per disc.
+        points: disc centres in the target frame, shape (n, 3), mm.
+        disc_radius: mm.
+        normal: unit vector out of the discs' faces, in the target frame; they are seen from its side only.
+        marked: the disc that carries a concentric hole of half its radius, to break the symmetry; None if alike.
+    """
+
+    names: tuple[str, ...]
+    points: Float = field(compare=False)
+    disc_radius: float
+    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    marked: str | None = None
+
+    def __post_init__(self) -> None:
+        if np.shape(self.points) != (len(self.names), 3) or not np.all(np.isfinite(self.points)):
+            raise InputError(
+                "one finite point of three coordinates for each name", key="points", found=np.shape(self.points)
+            )
+        if len(self.names) < 3 or len(set(self.names)) != len(self.names):
+            raise InputError("at least three points with different names", key="points", found=", ".join(self.names))
+        if not self.disc_radius > 0:
+            raise InputError("must be positive", key="disc_radius", found=self.disc_radius)
+        length = math.sqrt(sum(c * c for c in self.normal))
+        if not length > 0:
+            raise InputError("must not be zero", key="normal", found=self.normal)
+        object.__setattr__(self, "normal", tuple(float(c) / length for c in self.normal))
+        if self.marked is not None and self.marked not in self.names:
+            raise InputError("no disc of this name", key="marked", found=self.marked, allowed=self.names)
+
+    @staticmethod
+    def triangle(side: float, disc_radius: float, marked: str | None = None) -> Target:
+        """Three discs P1, P2, P3 at the corners of an equilateral triangle around the origin of the z = 0 plane; mm.
+
+        P1 lies on +x, the others follow counter-clockwise about +z, out of the faces.
+        """
+        angles = np.deg2rad([0.0, 120.0, 240.0])
+        corners = side / math.sqrt(3) * np.stack([np.cos(angles), np.sin(angles), np.zeros(3)], axis=1)
+        return Target(("P1", "P2", "P3"), corners, disc_radius, marked=marked)
+
+
+BoardKind = Literal["chessboard", "circles", "asymmetric_circles", "charuco"]
+
+
+@dataclass(frozen=True, slots=True)
+class Board:
+    """A printed calibration board.
+
+    Attributes:
+        kind: chessboard, circles, asymmetric_circles or charuco.
+        columns, rows: as OpenCV counts: inner corners of a chessboard, circles of a grid, squares of a ChArUco board.
+        square: side of a square, or spacing of the circles, mm (asymmetric: of the rows, half of that in a row).
+        marker: side of a ChArUco marker, mm. dictionary: its name, such as DICT_4X4_50.
+    """
+
+    kind: BoardKind
+    columns: int
+    rows: int
+    square: float
+    marker: float | None = None
+    dictionary: str | None = None
+
+    def __post_init__(self) -> None:
+        if min(self.columns, self.rows) < 2 or (self.kind == "chessboard" and min(self.columns, self.rows) < 3):
+            raise InputError("too few columns or rows", key="board", found=f"{self.columns}x{self.rows}")
+        if not self.square > 0:
+            raise InputError("the spacing must be positive", key="board", found=self.square)
+        charuco = self.kind == "charuco"
+        if charuco != (self.marker is not None) or charuco != (self.dictionary is not None):
+            raise InputError(
+                "marker size and dictionary belong to charuco boards, and to no other", key="board", found=self.kind
+            )
+        if self.marker is not None and not 0 < self.marker < self.square:
+            raise InputError(
+                "a marker must be smaller than its square", key="board", found=f"{self.marker} in {self.square}"
+            )
+
+    @property
+    def points(self) -> Float:
+        """Corners or circle centres in the board frame, row by row, z = 0; shape (n, 3), mm.
+
+        The origin is the first point, but the board's outer corner for ChArUco (as in OpenCV); z points into the board.
+        """
+        first, columns, rows = (
+            (1, self.columns - 1, self.rows - 1) if self.kind == "charuco" else (0, self.columns, self.rows)
+        )
+        row, column = np.divmod(np.arange(columns * rows), columns)
+        x = 2 * column + row % 2 if self.kind == "asymmetric_circles" else column + first
+        return np.stack([x, row + first, np.zeros_like(row)], axis=1) * float(self.square)
+
+    def __str__(self) -> str:
+        tail = "" if self.marker is None else f":{self.marker:g}mm:{self.dictionary}"
+        return f"{self.kind}:{self.columns}x{self.rows}:{self.square:g}mm{tail}"
+
+
+_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
+_BOARD = re.compile(
+    r"(?P<kind>\w+):(?P<columns>\d+)x(?P<rows>\d+):(?P<square>[^:]+)(:(?P<marker>[^:]+):(?P<dictionary>\w+))?"
+)
+
+
+def parse_board(text: str) -> Board:
+    """Board of a text such as chessboard:9x6:25mm, asymmetric_circles:4x11:2cm or charuco:5x7:30mm:22mm:DICT_4X4_50.
+
+    Raises:
+        InputError: not of this form, an unknown kind, or a length without its unit.
+    """
+    match = _BOARD.fullmatch(text.strip())
+    if match is None:
+        raise InputError("a board is kind:COLUMNSxROWS:SPACING, such as chessboard:9x6:25mm", key="board", found=text)
+    kind = match["kind"]
+    if kind not in get_args(BoardKind):
+        raise InputError("unknown kind of board", key="board", found=kind, allowed=get_args(BoardKind))
+    marker = None if match["marker"] is None else _length(match["marker"])
+    size = int(match["columns"]), int(match["rows"])
+    return Board(cast(BoardKind, kind), *size, _length(match["square"]), marker, match["dictionary"])
+
+
+def _length(text: str) -> float:
+    match = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+)\s*(mm|cm|m)", text)
+    if match is None:
+        raise InputError("a length needs its unit, such as 25mm", key="board", found=text, allowed=_MM)
+    return float(match[1]) * _MM[match[2]]

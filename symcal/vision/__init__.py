@@ -1,0 +1,1 @@
+"""Images: the only rooms that import OpenCV."""

@@ -1,0 +1,257 @@
+"""Strict YAML documents: read without running code, every value with its line, one clear error when something is wrong."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import types
+import typing
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic_core import ErrorDetails
+
+from symcal.errors import InputError
+
+Key = tuple[str | int, ...]
+Model = TypeVar("Model", bound=BaseModel)
+
+# YAML 1.2's floats: PyYAML's own pattern reads 1e-3 as a string.
+_FLOAT = re.compile(r"^[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?$|^[-+]?\.(?:inf|Inf|INF)$|^\.(?:nan|NaN|NAN)$")
+_BOOL = re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$")
+
+
+class _Loader(yaml.SafeLoader):
+    """SafeLoader with YAML 1.2's numbers and booleans (`on`, `yes` and 12:30 stay strings)."""
+
+
+_Loader.yaml_implicit_resolvers = {
+    first: [(tag, pattern) for tag, pattern in resolvers if not tag.endswith((":float", ":bool", ":int", ":timestamp"))]
+    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+_Loader.add_implicit_resolver("tag:yaml.org,2002:int", re.compile(r"^[-+]?[0-9]+$"), list("-+0123456789"))
+_Loader.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+.0123456789"))
+_Loader.add_implicit_resolver("tag:yaml.org,2002:bool", _BOOL, list("tTfF"))
+
+
+class Strict(BaseModel):
+    """Base of every file schema: unknown keys refused, no coercion of strings to numbers, NaN and infinity refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, populate_by_name=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Document:
+    """A YAML file as plain data, with the line of every key and item."""
+
+    path: Path
+    data: dict[str, Any]
+    lines: Mapping[Key, int]
+
+    def line(self, key: Key) -> int | None:
+        """Line of the value at ``key``, or of the nearest parent that stands in the file."""
+        while key not in self.lines and key:
+            key = key[:-1]
+        return self.lines.get(key)
+
+    def error(self, message: str, key: Key, *, found: object = None, allowed: typing.Iterable[str] = ()) -> InputError:
+        """An `InputError` that names this file, the key and its line."""
+        return InputError(message, file=self.path, line=self.line(key), key=dotted(key), found=found, allowed=allowed)
+
+    def resolve(self, path: str, key: Key) -> Path:
+        """A path written in this file: environment variables expanded, relative to the file's folder.
+
+        Raises:
+            InputError: a variable is not set.
+        """
+        expanded = os.path.expandvars(path)
+        missing = re.search(r"\$\{?(\w+)\}?", expanded)
+        if missing:
+            raise self.error(f"the environment variable {missing.group(1)} in this path is not set", key, found=path)
+        return (self.path.parent / Path(expanded).expanduser()).resolve()
+
+
+def dotted(key: Key) -> str:
+    """`('links', 2, 'alpha')` as `links[2].alpha`."""
+    text = ""
+    for part in key:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else str(part)
+    return text
+
+
+def read_document(path: Path | str) -> Document:
+    """Read a YAML mapping; never runs code.
+
+    Raises:
+        InputError: no such file, not text, not YAML, a key twice, or not a mapping at the top.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise InputError("there is no such file", file=path) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"the file cannot be read as UTF-8 text: {error}", file=path) from None
+    try:
+        loader = _Loader(text)
+        node = loader.get_single_node()
+        if not isinstance(node, yaml.MappingNode):
+            raise InputError("expected 'key: value' lines at the top of the file", file=path, line=1)
+        lines: dict[Key, int] = {}
+        _walk(node, (), lines, path)
+        data = loader.construct_document(node)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        problem = getattr(error, "problem", None) or str(error)
+        raise InputError(f"not valid YAML: {problem}", file=path, line=mark.line + 1 if mark else None) from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"not valid YAML: {error}", file=path) from None
+    return Document(path, data, lines)
+
+
+def _walk(node: yaml.Node, key: Key, lines: dict[Key, int], path: Path) -> None:
+    lines.setdefault(key, node.start_mark.line + 1)
+    if isinstance(node, yaml.MappingNode):
+        for name, value in node.value:
+            if not isinstance(name, yaml.ScalarNode):
+                raise InputError("a key must be a plain word", file=path, line=name.start_mark.line + 1)
+            inner = (*key, name.value)
+            if inner in lines:
+                where = f"first in line {lines[inner]}"
+                raise InputError(f"this key stands here twice ({where})", file=path, line=name.start_mark.line + 1, key=dotted(inner))
+            lines[inner] = name.start_mark.line + 1
+            _walk(value, inner, lines, path)
+    elif isinstance(node, yaml.SequenceNode):
+        for index, value in enumerate(node.value):
+            _walk(value, (*key, index), lines, path)
+
+
+def validate(document: Document, model: type[Model]) -> Model:
+    """The document as a checked, frozen schema object.
+
+    Raises:
+        InputError: the first thing wrong, with its line, key and the allowed values (further ones are counted).
+    """
+    try:
+        return model.model_validate(document.data)
+    except ValidationError as error:
+        problems = [p for p in error.errors() if p["type"] == "extra_forbidden"] or error.errors()
+        first = min(problems, key=lambda p: document.line(_existing(document, p["loc"])) or 0)
+        raise _explain(document, model, first, len(error.errors()) - 1) from None
+
+
+def _existing(document: Document, loc: Key) -> Key:
+    """The loc without the union branch names that pydantic inserts."""
+    key: Key = ()
+    for part in loc:
+        if (*key, part) in document.lines:
+            key = (*key, part)
+    return key
+
+
+def _explain(document: Document, model: type[BaseModel], problem: ErrorDetails, more: int) -> InputError:
+    loc = problem["loc"]
+    kind = problem["type"]
+    key = _existing(document, loc)
+    allowed: tuple[str, ...] = ()
+    found: object = problem.get("input")
+    message = problem["msg"].removeprefix("Value error, ")
+    if kind == "extra_forbidden":
+        owner = _model_at(model, loc[:-1])
+        allowed = tuple(f.alias or name for name, f in owner.model_fields.items()) if owner else ()
+        message, found = "unknown key", loc[-1]
+    elif kind == "missing":
+        key = (*key, loc[-1])
+        message, found = "this key is missing", None
+    elif kind in ("literal_error", "enum", "union_tag_invalid"):
+        expected = str(problem.get("ctx", {}).get("expected") or problem.get("ctx", {}).get("expected_tags"))
+        allowed = tuple(re.findall(r"'([^']*)'", expected))
+        message = "not one of the allowed values"
+        if kind == "union_tag_invalid":
+            discriminator = str(problem["ctx"]["discriminator"]).strip("'")
+            key, found = (*key, discriminator), problem["ctx"]["tag"]
+    elif kind == "union_tag_not_found":
+        key, found = (*key, str(problem["ctx"]["discriminator"]).strip("'")), None
+        message = "this key is missing"
+    elif kind == "finite_number":
+        message = "the number must be finite"
+    elif isinstance(found, float) and math.isnan(found):
+        message = "NaN is not a number that can be used"
+    if isinstance(found, (dict, list)):
+        found = None
+    if more and kind != "extra_forbidden":
+        message += f" ({more} more problem{'s' if more > 1 else ''} in this file)"
+    return document.error(message, key, found=found, allowed=allowed)
+
+
+def _model_at(model: type[BaseModel], loc: Key) -> type[BaseModel] | None:
+    """The schema class that validates the value at ``loc``; None if no single one does."""
+    current: list[Any] = [model]
+    for part in loc:
+        nxt: list[Any] = []
+        for kind in current:
+            if isinstance(kind, type) and issubclass(kind, BaseModel):
+                for name, field in kind.model_fields.items():
+                    if part in (name, field.alias):
+                        nxt.extend(_leaves(field.annotation))
+        # a loc part that is an index, a mapping's key or a union's branch name keeps the candidates
+        current = nxt or current
+        tagged = [k for k in current if isinstance(k, type) and issubclass(k, BaseModel) and part in _tags(k)]
+        current = tagged or current
+    found = [kind for kind in current if isinstance(kind, type) and issubclass(kind, BaseModel)]
+    return found[0] if len(found) == 1 else None
+
+
+def _tags(kind: type[BaseModel]) -> set[object]:
+    return {
+        value
+        for field in kind.model_fields.values()
+        if typing.get_origin(field.annotation) is typing.Literal
+        for value in typing.get_args(field.annotation)
+    } | {kind.__name__}
+
+
+def _leaves(annotation: Any) -> list[Any]:
+    origin = typing.get_origin(annotation)
+    if origin is None:
+        return [annotation]
+    if origin is typing.Literal:
+        return []
+    arguments = typing.get_args(annotation)
+    if origin in (typing.Union, types.UnionType, list, tuple, dict, typing.Annotated):
+        return [leaf for argument in arguments for leaf in _leaves(argument)]
+    return []
+
+
+class _Dumper(yaml.SafeDumper):
+    """SafeDumper that writes short lists in one line and numbers with all their digits."""
+
+    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002
+        return True
+
+
+def _represent_list(dumper: yaml.SafeDumper, data: list[Any]) -> yaml.Node:
+    flat = all(isinstance(item, (int, float, str)) for item in data)
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=flat)
+
+
+def _represent_float(dumper: yaml.SafeDumper, value: float) -> yaml.Node:
+    text = repr(value)
+    return dumper.represent_scalar("tag:yaml.org,2002:float", text if "." in text or "e" in text else text + ".0")
+
+
+_Dumper.add_representer(list, _represent_list)
+_Dumper.add_representer(tuple, lambda d, v: _represent_list(d, list(v)))
+_Dumper.add_representer(float, _represent_float)
+
+
+def write_document(path: Path | str, data: Mapping[str, Any]) -> None:
+    """Write a YAML mapping that `read_document` reads back to the same numbers."""
+    Path(path).write_text(
+        yaml.dump(dict(data), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120), encoding="utf-8"
+    )

@@ -1,0 +1,201 @@
+"""The one kinematic expression: robot -> symbolic pose and the screws of every joint and parameter.
+
+Simulation, identification, planning, compensation and exported C all come from `chain`. The Jacobians are geometric: each coordinate s
+(a joint reading or a parameter error) moves whatever is fixed to the tool with the velocity field
+
+    dp/ds = v + omega x p        (p in world)
+
+so a measurement needs only the screws (omega, v) and the derivative of its own last step. It is the derivative that automatic
+differentiation gives, with about half the operations (the tests compare the two).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from symcal import spatial
+from symcal.parameters import FRAME_AXES, ParameterSet
+from symcal.robot import Convention, Link, Robot, is_angle
+
+SX = ca.SX
+Array = NDArray[np.float64]
+
+# The elementary motions of a link transform, in the order in which they multiply: (parameter, axis).
+ELEMENTS: dict[Convention, tuple[tuple[str, int], ...]] = {
+    "standard": (("theta", 2), ("d", 2), ("a", 0), ("alpha", 0), ("beta", 1)),
+    "craig": (("alpha", 0), ("a", 0), ("beta", 1), ("theta", 2), ("d", 2)),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Screw:
+    """Velocity field of one coordinate: dp/ds = v + omega x p, with p, v and omega in world; shapes (3,)."""
+
+    omega: SX
+    v: SX
+
+    def at(self, point: SX) -> SX:
+        """Velocity of a point fixed to the tool, in world; shape (3,)."""
+        return self.v + ca.cross(self.omega, point)
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """A robot's symbolic forward kinematics.
+
+    q: joint readings, shape (dof,), rad or mm. x: parameter errors in the order of ``parameters``.
+    frames: the nominal base and tool frames as numbers to be given at evaluation, shape (24,), see `frame_vector`.
+    flange, tool: T_world_flange and T_world_tool, shape (4, 4), mm. links: T_world_i of every link frame.
+    joint_screws, parameter_screws: one per q and per x (a parameter of a tool *point* moves no frame: its screw is zero).
+    """
+
+    robot: Robot
+    parameters: ParameterSet
+    q: SX
+    x: SX
+    frames: SX
+    flange: SX
+    tool: SX
+    links: tuple[SX, ...]
+    joint_screws: tuple[Screw, ...]
+    parameter_screws: tuple[Screw, ...]
+
+
+def frame_vector(base: Array, tool: Array) -> Array:
+    """Base and tool (4, 4) as the vector that `Chain.frames` stands for: the upper three rows of each, column by column."""
+    return np.concatenate([base[:3].ravel(order="F"), tool[:3].ravel(order="F")])
+
+
+def _frame(vector: SX) -> tuple[SX, SX]:
+    upper = ca.reshape(vector, 3, 4)
+    return upper[:, :3], upper[:, 3]
+
+
+class _Walk:
+    """The pose reached so far, and the screws of the coordinates met on the way; lives only inside `chain`."""
+
+    def __init__(self, rotation: SX, origin: SX) -> None:
+        self.rotation = rotation
+        self.origin = origin
+        self.screws: dict[str, Screw] = {}
+
+    def translate(self, axis: int, value: SX, names: tuple[str, ...], rates: tuple[float, ...] = (1.0,)) -> None:
+        direction = self.rotation[:, axis]
+        for name, rate in zip(names, rates, strict=True):
+            self.screws[name] = Screw(SX(3, 1), rate * direction)
+        self.origin = self.origin + value * direction
+
+    def rotate(self, axis: int, value: SX, names: tuple[str, ...], rates: tuple[float, ...] = (1.0,)) -> None:
+        omega = self.rotation[:, axis]
+        for name, rate in zip(names, rates, strict=True):
+            self.screws[name] = Screw(rate * omega, rate * ca.cross(self.origin, omega))
+        self.rotation = self.rotation @ spatial.rotation(axis, value)
+
+    def place(self, rotation: SX, origin: SX) -> None:
+        """A constant transform."""
+        self.origin = self.origin + self.rotation @ origin
+        self.rotation = self.rotation @ rotation
+
+    def increment(self, frame: str, x: dict[str, SX]) -> None:
+        """The increments of a frame, on the right of its nominal value: translation, then a rotation vector."""
+        for axis, label in enumerate("xyz"):
+            if f"{frame}_{label}" in x:
+                # all three move along the axes of the nominal frame, so their order does not matter
+                self.translate(axis, x[f"{frame}_{label}"], (f"{frame}_{label}",))
+        if f"{frame}_rx" in x:
+            r = ca.vertcat(*(x[f"{frame}_{label}"] for label in FRAME_AXES[3:]))
+            omegas = self.rotation @ spatial.left_jacobian(r)
+            for k, label in enumerate(FRAME_AXES[3:]):
+                self.screws[f"{frame}_{label}"] = Screw(omegas[:, k], ca.cross(self.origin, omegas[:, k]))
+            self.rotation = self.rotation @ spatial.exp_rotation(r)
+
+    @property
+    def pose(self) -> SX:
+        return ca.vertcat(ca.horzcat(self.rotation, self.origin), SX([[0, 0, 0, 1]]))
+
+
+def chain(robot: Robot, parameters: ParameterSet) -> Chain:
+    """Build the symbolic kinematics of a robot for a parameter set.
+
+    T_world_tool = base * base increment * T_1 ... T_n * tool * tool increment; see `symcal.robot` for T_i.
+    """
+    q, x = SX.sym("q", robot.dof), SX.sym("x", len(parameters))
+    frames = SX.sym("frames", 24)
+    error = dict(zip(parameters.names, ca.vertsplit(x), strict=True)) if len(parameters) else {}
+    walk = _Walk(*_frame(frames[:12]))
+    walk.increment("base", error)
+    links = []
+    for i, link in enumerate(robot.links, start=1):
+        _walk_link(walk, robot.convention, i, link, q[i - 1], error)
+        links.append(walk.pose)
+    flange = walk.pose
+    walk.place(*_frame(frames[12:]))
+    walk.increment("tool", error)
+    still = Screw(SX(3, 1), SX(3, 1))
+    return Chain(
+        robot=robot,
+        parameters=parameters,
+        q=q,
+        x=x,
+        frames=frames,
+        flange=flange,
+        tool=walk.pose,
+        links=tuple(links),
+        joint_screws=tuple(walk.screws[f"q_{i}"] for i in range(1, robot.dof + 1)),
+        parameter_screws=tuple(walk.screws.get(name, still) for name in parameters.names),
+    )
+
+
+def _walk_link(walk: _Walk, convention: Convention, i: int, link: Link, q: SX, error: dict[str, SX]) -> None:
+    joint = link.joint
+    moved = "theta" if joint.revolute else "d"
+    rate = joint.sign * joint.ratio
+    for kind, axis in ELEMENTS[convention]:
+        if kind not in link.parameters and kind != moved:
+            continue
+        value = SX(link.parameters.get(kind, 0.0))
+        names: tuple[str, ...] = ()
+        rates: tuple[float, ...] = ()
+        if f"{kind}_{i}" in error:
+            value, names, rates = value + error[f"{kind}_{i}"], (f"{kind}_{i}",), (1.0,)
+        if kind == moved:
+            value, names, rates = value + rate * q + joint.offset, (*names, f"q_{i}"), (*rates, rate)
+        (walk.rotate if is_angle(kind) else walk.translate)(axis, value, names, rates)
+
+
+def stack(screws: tuple[Screw, ...], point: SX) -> SX:
+    """Velocities in world of a tool-fixed point for each screw; shape (3, len(screws))."""
+    return ca.horzcat(*(screw.at(point) for screw in screws)) if screws else SX(3, 0)
+
+
+def omegas(screws: tuple[Screw, ...]) -> SX:
+    """Angular velocities in world for each screw; shape (3, len(screws))."""
+    return ca.horzcat(*(screw.omega for screw in screws)) if screws else SX(3, 0)
+
+
+def function(name: str, inputs: dict[str, SX], outputs: dict[str, SX]) -> ca.Function:
+    """A named function of dense outputs with common subexpressions shared."""
+    dense = ca.cse([ca.densify(expression) for expression in outputs.values()])
+    return ca.Function(name, list(inputs.values()), dense, list(inputs), list(outputs))
+
+
+def forward(model: Chain) -> ca.Function:
+    """(q, x, frames) -> T_world_tool (4, 4), the Jacobian of the tool by joints (6, dof) and by parameters (6, n).
+
+    A Jacobian's upper three rows are the velocity of the tool's origin (mm per unit), the lower three the angular velocity (rad per unit), both
+    in world.
+    """
+    origin = model.tool[:3, 3]
+    return function(
+        "forward",
+        {"q": model.q, "x": model.x, "frames": model.frames},
+        {
+            "pose": model.tool,
+            "joint_jacobian": ca.vertcat(stack(model.joint_screws, origin), omegas(model.joint_screws)),
+            "parameter_jacobian": ca.vertcat(stack(model.parameter_screws, origin), omegas(model.parameter_screws)),
+        },
+    )

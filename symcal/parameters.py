@@ -1,0 +1,128 @@
+"""The parameter vector: names, order, units, nominal values, scales and priors in one place.
+
+The vector x holds *errors*: identified minus nominal, so x = 0 is the nominal robot. Link parameters come first, by kind and link as in
+[Ding2017] eq. 3; then base, tool, and tool points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symcal.errors import InputError
+from symcal.robot import Robot, is_angle
+
+Array = NDArray[np.float64]
+Unit = Literal["mm", "rad", "px", "1"]
+
+SCALE: dict[str, float] = {"mm": 1.0, "rad": 0.010}
+"""Plausible size of an error that nothing else is said about: 1 mm and 10 mrad."""
+
+FRAME_AXES = ("x", "y", "z", "rx", "ry", "rz")
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One number of the model that may be identified.
+
+    nominal: its nominal value (mm, rad); increments of frames have nominal 0.
+    scale: plausible size of its error; prior_sigma: standard deviation of a prior on the error, or None.
+    """
+
+    name: str
+    unit: Unit
+    nominal: float
+    scale: float
+    prior_sigma: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterSet:
+    """The parameters of a model in the order of its vector."""
+
+    items: tuple[Parameter, ...]
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(p.name for p in self.items)
+
+    @property
+    def units(self) -> tuple[Unit, ...]:
+        return tuple(p.unit for p in self.items)
+
+    @property
+    def nominal(self) -> Array:
+        return np.array([p.nominal for p in self.items])
+
+    @property
+    def scales(self) -> Array:
+        return np.array([p.scale for p in self.items])
+
+    def index(self, name: str) -> int:
+        """Place of a parameter in the vector; KeyError if it has none."""
+        for i, p in enumerate(self.items):
+            if p.name == name:
+                return i
+        raise KeyError(name)
+
+    def indices(self, names: Iterable[str]) -> NDArray[np.intp]:
+        place = {p.name: i for i, p in enumerate(self.items)}
+        return np.array([place[name] for name in names], dtype=np.intp)
+
+    def vector(self, values: Mapping[str, float]) -> Array:
+        """The vector with these errors and zero elsewhere; KeyError for a name that is not in the set."""
+        x = np.zeros(len(self))
+        for name, value in values.items():
+            x[self.index(name)] = value
+        return x
+
+    def mapping(self, x: Array) -> dict[str, float]:
+        return {p.name: float(v) for p, v in zip(self.items, x, strict=True)}
+
+    def with_scales(self, scales: Mapping[str, float]) -> ParameterSet:
+        return self._with("scale", scales)
+
+    def with_priors(self, sigmas: Mapping[str, float]) -> ParameterSet:
+        return self._with("prior_sigma", sigmas)
+
+    def _with(self, field: str, values: Mapping[str, float]) -> ParameterSet:
+        for name in values:
+            if name not in self.names:
+                raise InputError("no such parameter", found=name, allowed=self.names)
+        return ParameterSet(
+            tuple(replace(p, **{field: values[p.name]}) if p.name in values else p for p in self.items)
+        )
+
+
+def parameter_set(
+    robot: Robot, *, base: bool = False, tool: Literal["frame", "position"] | None = None, points: Iterable[str] = ()
+) -> ParameterSet:
+    """All parameters that a model of this robot has.
+
+    Args:
+        base: six increments `base_x`..`base_rz` on the nominal base frame (rotation vector, applied on the right).
+        tool: the same for the tool frame, or its position alone.
+        points: names of tool points whose coordinates are parameters (`tool_P1_x`, ...).
+    """
+    entries: list[tuple[str, Unit, float]] = [
+        (name, "rad" if is_angle(name.rpartition("_")[0]) else "mm", value) for name, value in robot.parameters.items()
+    ]
+    if base:
+        entries += _frame("base", 6)
+    if tool:
+        entries += _frame("tool", 6 if tool == "frame" else 3)
+    entries += [(f"tool_{point}_{axis}", "mm", 0.0) for point in points for axis in "xyz"]
+    return ParameterSet(
+        tuple(Parameter(name, unit, value, robot.scales.get(name, SCALE[unit])) for name, unit, value in entries)
+    )
+
+
+def _frame(name: str, count: int) -> list[tuple[str, Unit, float]]:
+    return [(f"{name}_{axis}", "rad" if axis.startswith("r") else "mm", 0.0) for axis in FRAME_AXES[:count]]

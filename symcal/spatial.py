@@ -1,0 +1,166 @@
+"""Rotations and rigid transforms, symbolic and numeric.
+
+The symbolic half takes and gives CasADi SX and is smooth where it is used: the exponential at the zero vector, the
+logarithm at the identity and at half a turn are guarded at the point itself. The numeric half serves the edge (files, closed-form
+registration) and leaves rotation formats to SciPy.
+
+Frames: `T_a_b` is the pose of b in a, shape (4, 4), translation in mm.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+SX = ca.SX
+Array = NDArray[np.float64]
+
+_TINY = 1e-8  # squared angle below which the series is exact to rounding (next term: 1e-8**2 / 120)
+
+
+def rotation(axis: int, angle: Any) -> SX:
+    """Rotation matrix about coordinate axis 0 (x), 1 (y) or 2 (z); angle in rad; shape (3, 3)."""
+    c, s = ca.cos(angle), ca.sin(angle)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    matrix = SX(3, 3)
+    matrix[axis, axis] = 1
+    matrix[i, i], matrix[j, j], matrix[j, i], matrix[i, j] = c, c, s, -s
+    return matrix
+
+
+def skew(v: SX) -> SX:
+    """Matrix of the cross product, `skew(v) @ w == v x w`; shape (3, 3)."""
+    return ca.vertcat(
+        ca.horzcat(0, -v[2], v[1]),
+        ca.horzcat(v[2], 0, -v[0]),
+        ca.horzcat(-v[1], v[0], 0),
+    )
+
+
+def _series(theta2: SX, exact: Any, series: Any) -> SX:
+    """`exact(theta)` away from zero, `series(theta**2)` near it; the unused branch never sees the singular point."""
+    small = theta2 < _TINY
+    safe = ca.sqrt(ca.if_else(small, 1.0, theta2))
+    return ca.if_else(small, series(theta2), exact(safe))
+
+
+def exp_rotation(r: SX) -> SX:
+    """Rotation matrix of the rotation vector r (rad), shape (3, 3): Rodrigues' formula, exact and differentiable at zero."""
+    theta2 = ca.dot(r, r)
+    a = _series(theta2, lambda t: ca.sin(t) / t, lambda t2: 1 - t2 / 6)
+    b = _series(theta2, lambda t: 2 * (ca.sin(t / 2) / t) ** 2, lambda t2: 0.5 - t2 / 24)
+    k = skew(r)
+    return SX.eye(3) + a * k + b * (k @ k)
+
+
+def left_jacobian(r: SX) -> SX:
+    """Angular velocity, in the frame before the rotation, per rate of the rotation vector r; shape (3, 3).
+
+    exp(r + dr) = exp(J_l(r) dr) exp(r) to first order. Source: [Sola2018] eq. 145.
+    """
+    theta2 = ca.dot(r, r)
+    b = _series(theta2, lambda t: 2 * (ca.sin(t / 2) / t) ** 2, lambda t2: 0.5 - t2 / 24)
+    c = _series(theta2, lambda t: (t - ca.sin(t)) / t**3, lambda t2: 1 / 6 - t2 / 120)
+    k = skew(r)
+    return SX.eye(3) + b * k + c * (k @ k)
+
+
+def log_rotation(matrix: SX) -> SX:
+    """Rotation vector (rad), shape (3,), of a rotation matrix; its norm is the angle in [0, pi].
+
+    Goes through the quaternion whose largest component is taken from the linear relation 4 q q^T = f(R), so it is
+    exact at the identity and at half a turn alike (there the sign of the axis is arbitrary, as it must be).
+    """
+    m = matrix
+    rows = (  # columns of 4 q q^T with q = (w, x, y, z); each is 4 q_k q
+        (1 + m[0, 0] + m[1, 1] + m[2, 2], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]),
+        (m[2, 1] - m[1, 2], 1 + m[0, 0] - m[1, 1] - m[2, 2], m[1, 0] + m[0, 1], m[0, 2] + m[2, 0]),
+        (m[0, 2] - m[2, 0], m[1, 0] + m[0, 1], 1 - m[0, 0] + m[1, 1] - m[2, 2], m[2, 1] + m[1, 2]),
+        (m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[2, 1] + m[1, 2], 1 - m[0, 0] - m[1, 1] + m[2, 2]),
+    )
+    q, largest = ca.vertcat(*rows[0]), rows[0][0]
+    for k in (1, 2, 3):
+        better = rows[k][k] > largest
+        q = ca.if_else(better, ca.vertcat(*rows[k]), q)
+        largest = ca.if_else(better, rows[k][k], largest)
+    q = q / ca.sqrt(ca.dot(q, q))
+    q = ca.if_else(q[0] < 0, -q, q)
+    w, v = q[0], q[1:]
+    s2 = ca.dot(v, v)
+    small = s2 < _TINY
+    s = ca.sqrt(ca.if_else(small, 1.0, s2))
+    # near zero w = sqrt(1 - s2) and 2 asin(s) / s = 2 + s2 / 3
+    return ca.if_else(small, 2 + s2 / 3, 2 * ca.atan2(s, w) / s) * v
+
+
+def right_jacobian_inverse(r: SX) -> SX:
+    """Rate of the rotation vector per body-frame angular velocity; shape (3, 3).
+
+    log(exp(r) exp(dw)) = r + J_r^-1(r) dw to first order. Source: [Sola2018] eq. 144.
+    """
+    theta2 = ca.dot(r, r)
+    c = _series(
+        theta2,
+        lambda t: (1 - (t / 2) * ca.cos(t / 2) / ca.sin(t / 2)) / t**2,
+        lambda t2: 1 / 12 + t2 / 720,
+    )
+    k = skew(r)
+    return SX.eye(3) + 0.5 * k + c * (k @ k)
+
+
+def quaternion_matrix(q: SX) -> SX:
+    """Rotation matrix, shape (3, 3), of a quaternion (x, y, z, w) of any length but zero and either sign."""
+    q = q / ca.sqrt(ca.dot(q, q))
+    v, w = q[:3], q[3]
+    k = skew(v)
+    return SX.eye(3) + 2 * w * k + 2 * (k @ k)
+
+
+def transform(rotation_matrix: Array, translation: Array) -> Array:
+    """Numeric T_a_b, shape (4, 4), from R_a_b (3, 3) and the origin of b in a (3,), mm."""
+    t = np.eye(4)
+    t[:3, :3] = rotation_matrix
+    t[:3, 3] = translation
+    return t
+
+
+def inverse(t: Array) -> Array:
+    """Inverse of rigid transforms, shape (..., 4, 4)."""
+    out = np.zeros_like(t)
+    out[..., :3, :3] = np.swapaxes(t[..., :3, :3], -1, -2)
+    out[..., :3, 3] = -np.einsum("...ji,...j->...i", t[..., :3, :3], t[..., :3, 3])
+    out[..., 3, 3] = 1.0
+    return out
+
+
+def rpy_matrix(rpy: Array) -> Array:
+    """R = Rz(yaw) Ry(pitch) Rx(roll), URDF's convention; rpy (..., 3) in rad; shape (..., 3, 3)."""
+    return np.asarray(Rotation.from_euler("xyz", rpy).as_matrix(), dtype=np.float64)
+
+
+def matrix_rpy(matrix: Array) -> Array:
+    """Roll, pitch, yaw (rad), shape (3,), of a rotation matrix; in gimbal lock yaw is set to zero."""
+    import warnings
+
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Gimbal lock")  # the third angle is free there: SciPy's zero is ours
+        return np.asarray(Rotation.from_matrix(matrix).as_euler("xyz"), dtype=np.float64)
+
+
+def pose_matrix(pose: Array) -> Array:
+    """T, shape (..., 4, 4), of poses (x, y, z, qx, qy, qz, qw), shape (..., 7), mm."""
+    t = np.zeros((*pose.shape[:-1], 4, 4))
+    t[..., :3, :3] = Rotation.from_quat(pose[..., 3:]).as_matrix()
+    t[..., :3, 3] = pose[..., :3]
+    t[..., 3, 3] = 1.0
+    return t
+
+
+def matrix_pose(t: Array) -> Array:
+    """Poses (x, y, z, qx, qy, qz, qw), shape (..., 7), mm, of T (..., 4, 4); the scalar part is never negative."""
+    quaternion = Rotation.from_matrix(t[..., :3, :3]).as_quat(canonical=True)
+    return np.concatenate([t[..., :3, 3], quaternion], axis=-1)

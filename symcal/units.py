@@ -1,0 +1,24 @@
+"""Units at the edge of the program: inside, lengths are mm and angles rad."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+LengthUnit = Literal["mm", "m", "um", "cm", "in"]
+AngleUnit = Literal["deg", "rad", "mrad"]
+
+LENGTH: dict[str, float] = {"mm": 1.0, "m": 1000.0, "um": 1e-3, "cm": 10.0, "in": 25.4}
+"""mm per unit."""
+ANGLE: dict[str, float] = {"rad": 1.0, "deg": math.pi / 180, "mrad": 1e-3}
+"""rad per unit."""
+PIXEL: dict[str, float] = {"px": 1.0}
+"""px per unit."""
+
+
+def split_unit(column: str) -> tuple[str, str | None]:
+    """`'q1_deg'` as `('q1', 'deg')`; the unit is None when the name ends in none that is known."""
+    stem, _, last = column.rpartition("_")
+    if stem and last in LENGTH | ANGLE | PIXEL:
+        return stem, last
+    return column, None

@@ -1,0 +1,45 @@
+"""Fixtures that every test may use: a seeded generator, the shipped configs, measured data where it exists."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, settings
+
+ROOT = Path(__file__).resolve().parent.parent
+
+# derandomize: the same examples on every machine, so that a failure is a failure everywhere
+settings.register_profile(
+    "symcal",
+    deadline=None,
+    derandomize=True,
+    database=None,
+    max_examples=30,
+    # fixtures here are read-only, so it does not matter that the examples of one test share them
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+settings.load_profile("symcal")
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(20170829)
+
+
+@pytest.fixture(scope="session")
+def configs() -> Path:
+    """The folder of shipped configs: `robots/*.yaml`, `real/*.yaml`, ..."""
+    return ROOT / "configs"
+
+
+@pytest.fixture(scope="session")
+def symcal_data() -> Path:
+    """The folder of measured sets: $SYMCAL_DATA, else shared/data beside the clone; skips where there is none."""
+    named = os.environ.get("SYMCAL_DATA")
+    folder = Path(named).expanduser() if named else ROOT.parent / "shared" / "data"
+    if not folder.is_dir():
+        pytest.skip(f"measured data not found: {folder} does not exist (set SYMCAL_DATA to the folder of the sets)")
+    return folder

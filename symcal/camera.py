@@ -130,6 +130,50 @@ def in_image(camera: Camera, pixels: Float, margin: float = 0.0) -> NDArray[np.b
     return (u >= low) & (u <= camera.width - 0.5 - margin) & (v >= low) & (v <= camera.height - 0.5 - margin)
 
 
+def rays(camera: Camera, pixels: Float) -> Float:
+    """Undistorted normalised coordinates (X / Z, Y / Z) of image points: the inverse of `project_points`, by Newton.
+
+    Args:
+        camera: numbers and distortion.
+        pixels: shape (..., 2), px.
+    Returns:
+        shape (..., 2); NaN where no point in front of the camera is seen (beyond the fold of the distortion).
+    """
+    fold = fold_radius(camera)
+    goal = (np.asarray(pixels, dtype=np.float64) - [camera.cx, camera.cy]) / [camera.fx, camera.fy]
+    # A start beyond the fold would walk away; the radial part is concave below it, so that Newton climbs from inside.
+    radius = np.linalg.norm(goal, axis=-1, keepdims=True)
+    xy = goal * np.minimum(1.0, 0.9 * fold / np.maximum(radius, 1e-300))
+    for _ in range(50):
+        x, y = xy[..., 0], xy[..., 1]
+        by_x, by_y = _distortion_slopes(x, y, camera.dist)
+        miss = goal - np.stack(distort(x, y, camera.dist), axis=-1)
+        det = by_x[0] * by_y[1] - by_y[0] * by_x[1]
+        det = np.where(np.abs(det) < 1e-9, 1e-9, det)
+        step = np.stack(
+            [by_y[1] * miss[..., 0] - by_y[0] * miss[..., 1], by_x[0] * miss[..., 1] - by_x[1] * miss[..., 0]], -1
+        )
+        length = np.linalg.norm(step / det[..., None], axis=-1, keepdims=True)
+        xy = xy + step / det[..., None] * np.minimum(1.0, 0.3 / np.maximum(length, 1e-300))
+        if np.nanmax(np.abs(miss)) < 1e-14:
+            break
+    miss = goal - np.stack(distort(xy[..., 0], xy[..., 1], camera.dist), axis=-1)
+    bad = (np.abs(miss).max(axis=-1) > 1e-9) | (np.linalg.norm(xy, axis=-1) >= fold)
+    return np.where(bad[..., None], np.nan, xy)
+
+
+def _distortion_slopes(x: Float, y: Float, dist: tuple[float, ...]) -> tuple[tuple[Float, Float], tuple[Float, Float]]:
+    """Derivatives of the distorted coordinates by x and by y."""
+    k1, k2, p1, p2, k3 = dist
+    r2 = x * x + y * y
+    radial, slope = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))
+    cross = x * y * slope + 2 * p1 * x + 2 * p2 * y
+    return (radial + x * x * slope + 2 * p1 * y + 6 * p2 * x, cross), (
+        cross,
+        radial + y * y * slope + 6 * p1 * y + 2 * p2 * x,
+    )
+
+
 def fold_radius(camera: Camera) -> float:
     """Radius of undistorted normalised coordinates at which radial distortion stops growing; inf if it never does.
 

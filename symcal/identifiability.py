@@ -1,0 +1,161 @@
+"""What the data can see: rank of the scaled Jacobian, its whole spectrum, and the unseen directions in words.
+
+The Jacobian is whitened by the noise and scaled by the plausible size of each parameter's error, W = Sigma^-1/2 J S. A direction is
+identifiable when the data determine it better than its plausible scale: singular value above 1. Without noise the numerical rank decides.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+
+from symcal.parameters import ParameterSet
+
+Array = NDArray[np.float64]
+
+NUMERICAL = 1e-10
+"""A singular value below this share of the largest counts as zero: rounding of a Jacobian is about 1e-13 of it."""
+
+_NEGLIGIBLE = 0.03  # share of a direction below which a parameter is not named in words
+
+
+@dataclass(frozen=True, slots=True)
+class Direction:
+    """A direction in parameter space that the data do not determine.
+
+    direction: components in scaled coordinates (error / scale), unit norm, small ones left out.
+    text: the same in a sentence.
+    """
+
+    direction: dict[str, float]
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Identifiability:
+    """Spectrum and subspaces of W = Sigma^-1/2 J S, in the scaled coordinates of the free parameters.
+
+    names: the free parameters, n of them. singular_values: shape (n,), descending. rank: directions determined at the noise;
+    numerical_rank: directions that the noise-free Jacobian sees. seen (n, rank) and hidden (n, n - rank): orthonormal bases.
+    """
+
+    names: tuple[str, ...]
+    scales: Array
+    singular_values: Array
+    rank: int
+    numerical_rank: int
+    seen: Array
+    hidden: Array
+    unseen: tuple[Direction, ...]
+
+    @property
+    def condition_number(self) -> float:
+        """Largest over smallest singular value of the identifiable subspace."""
+        return float(self.singular_values[0] / self.singular_values[self.rank - 1]) if self.rank else float("inf")
+
+
+def decompose(scaled: Array, threshold: float | None = 1.0) -> tuple[Array, Array, int, int]:
+    """Singular values (n,), right singular vectors (n, n) as columns, rank at the threshold, numerical rank.
+
+    Args:
+        scaled: W, shape (m, n). threshold: smallest singular value that counts; None for the numerical rank.
+    """
+    n = scaled.shape[1]
+    triangular = np.linalg.qr(scaled, mode="r") if scaled.shape[0] > n else scaled
+    _, s, vt = np.linalg.svd(triangular, full_matrices=True)
+    values = np.zeros(n)
+    values[: s.size] = s
+    numerical = int(np.sum(values > NUMERICAL * (values[0] if n else 0.0)))
+    rank = numerical if threshold is None else min(numerical, int(np.sum(values > threshold)))
+    return values, vt.T, rank, numerical
+
+
+def analyse(
+    jacobian: Array, parameters: ParameterSet, free: tuple[str, ...] | None = None, *, noise_known: bool = True
+) -> Identifiability:
+    """Identifiability of the free parameters from stacked whitened rows.
+
+    Args:
+        jacobian: Sigma^-1/2 J by all parameters, shape (m, n); rows of priors included if there are any. free: names; all when None.
+        noise_known: False when the rows are not whitened: the numerical rank decides.
+    """
+    names = parameters.names if free is None else free
+    index = parameters.indices(names)
+    scales = parameters.scales[index]
+    values, v, rank, numerical = decompose(jacobian[:, index] * scales, 1.0 if noise_known else None)
+    hidden = v[:, rank:]
+    units = tuple(parameters.units[i] for i in index)
+    return Identifiability(
+        names=names,
+        scales=scales,
+        singular_values=values,
+        rank=rank,
+        numerical_rank=numerical,
+        seen=v[:, :rank],
+        hidden=hidden,
+        unseen=_directions(hidden, names, scales, units),
+    )
+
+
+def _directions(hidden: Array, names: tuple[str, ...], scales: Array, units: tuple[str, ...]) -> tuple[Direction, ...]:
+    """A sparse basis of the hidden subspace, each vector with its sentence."""
+    directions = []
+    for vector in sparse_basis(hidden):
+        keep = np.flatnonzero(np.abs(vector) > _NEGLIGIBLE * np.abs(vector).max())
+        order = keep[np.argsort(-np.abs(vector[keep]), kind="stable")]
+        directions.append(
+            Direction(
+                {names[i]: float(vector[i]) for i in order},
+                _sentence(order, vector * scales, names, units),
+            )
+        )
+    return tuple(directions)
+
+
+def sparse_basis(subspace: Array) -> list[Array]:
+    """A basis of span(subspace) whose vectors have few entries, so that they can be read; unit vectors, shape (n,).
+
+    For each coordinate the vector of least 1-norm with a one there is found by linear programming; the sparsest independent ones are kept.
+    Ours; the 1-norm is the usual convex stand-in for the number of entries.
+    """
+    n, k = subspace.shape
+    if k == 0:
+        return []
+    candidates = []
+    cost = np.concatenate([np.zeros(k), np.ones(n)])
+    bound = np.block([[subspace, -np.eye(n)], [-subspace, -np.eye(n)]])
+    free = [(None, None)] * k + [(0, None)] * n
+    for j in np.flatnonzero(np.linalg.norm(subspace, axis=1) > 1e-3):
+        pivot = np.concatenate([subspace[j], np.zeros(n)])[None, :]
+        solution = linprog(cost, A_ub=bound, b_ub=np.zeros(2 * n), A_eq=pivot, b_eq=[1.0], bounds=free, method="highs")
+        if solution.status == 0:
+            vector = subspace @ solution.x[:k]
+            vector /= np.linalg.norm(vector)
+            vector *= np.sign(vector[np.argmax(np.abs(vector) > 0.5 * np.abs(vector).max())])
+            candidates.append(vector)
+    candidates += list(subspace.T)  # completes the basis whatever the programming gave
+    candidates.sort(key=lambda v: (int(np.sum(np.abs(v) > _NEGLIGIBLE * np.abs(v).max())), float(np.abs(v).sum())))
+    chosen: list[Array] = []
+    for vector in candidates:
+        if np.linalg.svd(np.array([*chosen, vector]), compute_uv=False)[-1] > 1e-2:
+            chosen.append(vector)
+        if len(chosen) == k:
+            break
+    return chosen
+
+
+def _sentence(order: NDArray[np.intp], physical: Array, names: tuple[str, ...], units: tuple[str, ...]) -> str:
+    if len(order) == 1:
+        return f"{names[order[0]]} cannot be seen"
+    amounts = " with ".join(_amount(physical[i], names[i], units[i]) for i in order)
+    verb = "cannot be told apart" if len(order) == 2 else "can be changed together unseen"
+    listed = ", ".join(names[i] for i in order[:-1]) + f" and {names[order[-1]]}"
+    return f"{listed} {verb}: {amounts} changes nothing that was measured"
+
+
+def _amount(value: float, name: str, unit: str) -> str:
+    shown, label = (value * 1e3, "mrad") if unit == "rad" else (value, unit)
+    return f"{shown:+.3g} {label} of {name}"

@@ -1,0 +1,103 @@
+"""What every kind of measurement has in common."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from scipy.spatial.transform import Rotation
+
+from symcal import spatial
+from symcal.kinematics import Chain, frame_vector
+from symcal.parameters import FRAME_AXES, ParameterSet
+
+SX = ca.SX
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """Where things nominally are: numbers that a model is given at evaluation, and that its increments refer to.
+
+    base: T_world_base, tool: T_flange_tool, shape (4, 4), mm. points: tool points in the tool frame, shape (k, 3), mm.
+    """
+
+    base: Array
+    tool: Array
+    points: Array = field(default_factory=lambda: np.zeros((0, 3)))
+
+    @property
+    def vector(self) -> Array:
+        return np.concatenate([frame_vector(self.base, self.tool), self.points.ravel()])
+
+    def moved(self, errors: dict[str, float], point_names: tuple[str, ...] = ()) -> Setup:
+        """The setup with the increments of base, tool and points in ``errors`` (mm, rad) carried out."""
+        points = self.points + np.array(
+            [[errors.get(f"tool_{name}_{axis}", 0.0) for axis in "xyz"] for name in point_names]
+        ).reshape(self.points.shape)
+        return replace(
+            self, base=_moved(self.base, "base", errors), tool=_moved(self.tool, "tool", errors), points=points
+        )
+
+
+def _moved(frame: Array, name: str, errors: dict[str, float]) -> Array:
+    increment = np.array([errors.get(f"{name}_{axis}", 0.0) for axis in FRAME_AXES])
+    rotation = Rotation.from_rotvec(increment[3:]).as_matrix()
+    return np.asarray(frame @ spatial.transform(rotation, increment[:3]))
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Residual components that share one noise sigma: `position` in mm, `orientation` in rad, `image` in px."""
+
+    name: Literal["position", "orientation", "image"]
+    unit: Literal["mm", "rad", "px"]
+    columns: tuple[int, ...]
+    block: int
+    """Components of one observation: residuals are judged by the norm over ``block`` consecutive columns."""
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """One kind of observation of one robot.
+
+    predict:  (q, x, setup) -> h, shape (nz,), as the instrument would give it.
+    residual: (q, x, setup, z) -> r = model minus measured, shape (m,), and J = dr/dx, shape (m, n).
+    jacobian: (q, x, setup) -> J at zero residual, shape (m, n): the information of a pose that is yet to be measured.
+    accuracy: (q, x, setup, z) -> e, shape (m,): the tool's error in the words of the user (world frame), grouped as r.
+    """
+
+    kind: Literal["position", "pose"]
+    chain: Chain
+    point_names: tuple[str, ...]
+    groups: tuple[Group, ...]
+    predict: ca.Function
+    residual: ca.Function
+    jacobian: ca.Function
+    accuracy: ca.Function
+
+    @property
+    def parameters(self) -> ParameterSet:
+        return self.chain.parameters
+
+    @property
+    def rows(self) -> int:
+        """Residual components per pose."""
+        return sum(len(group.columns) for group in self.groups)
+
+    def per_component(self, values: dict[str, float]) -> Array:
+        """A value per group spread over the residual components, shape (m,)."""
+        out = np.empty(self.rows)
+        for group in self.groups:
+            out[list(group.columns)] = values[group.name]
+        return out
+
+
+def setup_symbol(chain: Chain, points: int) -> tuple[SX, list[SX]]:
+    """The symbol that `Setup.vector` stands for, and the nominal tool points in it."""
+    coordinates = SX.sym("points", 3 * points)
+    return ca.vertcat(chain.frames, coordinates), [coordinates[3 * k : 3 * k + 3] for k in range(points)]

@@ -146,7 +146,7 @@ def rays(camera: Camera, pixels: Float) -> Float:
     xy = goal * np.minimum(1.0, 0.9 * fold / np.maximum(radius, 1e-300))
     for _ in range(50):
         x, y = xy[..., 0], xy[..., 1]
-        by_x, by_y = _distortion_slopes(x, y, camera.dist)
+        by_x, by_y = distortion_slopes(x, y, camera.dist)
         miss = goal - np.stack(distort(x, y, camera.dist), axis=-1)
         det = by_x[0] * by_y[1] - by_y[0] * by_x[1]
         det = np.where(np.abs(det) < 1e-9, 1e-9, det)
@@ -162,7 +162,7 @@ def rays(camera: Camera, pixels: Float) -> Float:
     return np.where(bad[..., None], np.nan, xy)
 
 
-def _distortion_slopes(x: Float, y: Float, dist: tuple[float, ...]) -> tuple[tuple[Float, Float], tuple[Float, Float]]:
+def distortion_slopes(x: Float, y: Float, dist: tuple[float, ...]) -> tuple[tuple[Float, Float], tuple[Float, Float]]:
     """Derivatives of the distorted coordinates by x and by y."""
     k1, k2, p1, p2, k3 = dist
     r2 = x * x + y * y

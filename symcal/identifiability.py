@@ -105,12 +105,9 @@ def _directions(hidden: Array, names: tuple[str, ...], scales: Array, units: tup
     directions = []
     for vector in sparse_basis(hidden):
         keep = np.flatnonzero(np.abs(vector) > _NEGLIGIBLE * np.abs(vector).max())
-        order = keep[np.argsort(-np.abs(vector[keep]), kind="stable")]
+        vector = vector * np.sign(vector[keep[0]])
         directions.append(
-            Direction(
-                {names[i]: float(vector[i]) for i in order},
-                _sentence(order, vector * scales, names, units),
-            )
+            Direction({names[i]: float(vector[i]) for i in keep}, _sentence(keep, vector * scales, names, units))
         )
     return tuple(directions)
 
@@ -133,9 +130,7 @@ def sparse_basis(subspace: Array) -> list[Array]:
         solution = linprog(cost, A_ub=bound, b_ub=np.zeros(2 * n), A_eq=pivot, b_eq=[1.0], bounds=free, method="highs")
         if solution.status == 0:
             vector = subspace @ solution.x[:k]
-            vector /= np.linalg.norm(vector)
-            vector *= np.sign(vector[np.argmax(np.abs(vector) > 0.5 * np.abs(vector).max())])
-            candidates.append(vector)
+            candidates.append(vector / np.linalg.norm(vector))
     candidates += list(subspace.T)  # completes the basis whatever the programming gave
     candidates.sort(key=lambda v: (int(np.sum(np.abs(v) > _NEGLIGIBLE * np.abs(v).max())), float(np.abs(v).sum())))
     chosen: list[Array] = []
@@ -147,12 +142,12 @@ def sparse_basis(subspace: Array) -> list[Array]:
     return chosen
 
 
-def _sentence(order: NDArray[np.intp], physical: Array, names: tuple[str, ...], units: tuple[str, ...]) -> str:
-    if len(order) == 1:
-        return f"{names[order[0]]} cannot be seen"
-    amounts = " with ".join(_amount(physical[i], names[i], units[i]) for i in order)
-    verb = "cannot be told apart" if len(order) == 2 else "can be changed together unseen"
-    listed = ", ".join(names[i] for i in order[:-1]) + f" and {names[order[-1]]}"
+def _sentence(kept: NDArray[np.intp], physical: Array, names: tuple[str, ...], units: tuple[str, ...]) -> str:
+    if len(kept) == 1:
+        return f"{names[kept[0]]} cannot be seen"
+    amounts = " with ".join(_amount(physical[i], names[i], units[i]) for i in kept)
+    verb = "cannot be told apart" if len(kept) == 2 else "can be changed together unseen"
+    listed = ", ".join(names[i] for i in kept[:-1]) + f" and {names[kept[-1]]}"
     return f"{listed} {verb}: {amounts} changes nothing that was measured"
 
 

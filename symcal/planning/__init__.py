@@ -1,0 +1,1 @@
+"""Which poses to measure, how many, and a proof of how good they are."""

@@ -1,0 +1,108 @@
+"""The joint-space box in which poses are planned and predicted errors are taken, and how it is sampled."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from symcal.errors import InputError
+from symcal.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class WorkingArea:
+    """A box of joint readings.
+
+    lower, upper: shape (dof,), rad or mm, finite; lower < upper, or equal for a joint that is held.
+    """
+
+    lower: Array
+    upper: Array
+
+    @property
+    def dof(self) -> int:
+        return len(self.lower)
+
+    @property
+    def span(self) -> Array:
+        return self.upper - self.lower
+
+    def sample(self, rng: np.random.Generator, count: int) -> Array:
+        """Poses uniform in joint space, shape (count, dof)."""
+        return self.lower + self.span * rng.random((count, self.dof))
+
+    def snapped(self, rng: np.random.Generator, count: int, share: float = 0.4) -> Array:
+        """Uniform poses of which a share of all coordinates sits at a joint's lower or upper limit, shape (count, dof).
+
+        Ours: informative poses have several joints at their limits, where a uniform sample almost never is.
+        """
+        poses = self.sample(rng, count)
+        snap = rng.random(poses.shape) < share
+        limit = np.where(rng.random(poses.shape) < 0.5, self.lower, self.upper)
+        return np.where(snap, limit, poses)
+
+    def even(self, count: int) -> Array:
+        """Deterministic, evenly spread poses (Halton's sequence), shape (count, dof)."""
+        return self.lower + self.span * qmc.Halton(self.dof, scramble=False).random(count)
+
+    def clip(self, poses: Array) -> Array:
+        return np.clip(poses, self.lower, self.upper)
+
+    def contains(self, poses: Array) -> NDArray[np.bool_]:
+        """Which poses lie in the box, up to rounding, shape (N,)."""
+        slack = 1e-9 * (1.0 + np.maximum(np.abs(self.lower), np.abs(self.upper)))
+        return np.asarray(np.all((poses >= self.lower - slack) & (poses <= self.upper + slack), axis=-1))
+
+    def unit(self, poses: Array) -> Array:
+        """Poses in units of the box: 0 at the lower and 1 at the upper limits; held joints are 0; shape (N, dof)."""
+        return (poses - self.lower) / np.where(self.span > 0, self.span, 1.0)
+
+
+def working_area(
+    robot: Robot, ranges: Mapping[str, tuple[float, float]] | None = None, *, margin: float = 0.0
+) -> WorkingArea:
+    """The joint limits, narrowed per joint.
+
+    Args:
+        ranges: (lower, upper) of a reading in rad or mm, by joint name or `q1`..`qn`.
+        margin: kept away from each limit of the robot, as a share of the joint's travel.
+
+    A revolute joint without limits counts as one full turn about zero.
+
+    Raises:
+        InputError: unknown joint, a range outside the limits, or a prismatic joint without limits or range.
+    """
+    ranges = ranges or {}
+    names = {joint.name: i for i, joint in enumerate(robot.joints)} | {f"q{i + 1}": i for i in range(robot.dof)}
+    given: dict[int, tuple[float, float]] = {}
+    for name, pair in ranges.items():
+        if name not in names:
+            raise InputError("no such joint", key=name, found=name, allowed=names)
+        given[names[name]] = pair
+    bounds = [_range(robot, i, given.get(i), margin) for i in range(robot.dof)]
+    return WorkingArea(np.array([low for low, _ in bounds]), np.array([high for _, high in bounds]))
+
+
+def _range(robot: Robot, i: int, given: tuple[float, float] | None, margin: float) -> tuple[float, float]:
+    joint = robot.joints[i]
+    low, high = joint.lower, joint.upper
+    if math.isfinite(low) and math.isfinite(high):
+        low, high = low + margin * (high - low), high - margin * (high - low)
+    if given is None:
+        if math.isfinite(low) and math.isfinite(high):
+            return low, high
+        if joint.revolute:
+            return max(low, -math.pi), min(high, math.pi)
+        raise InputError("this prismatic joint has no limits: give its working range", key=joint.name)
+    slack = 1e-9 * (1.0 + abs(given[0]) + abs(given[1]))
+    if not (given[0] <= given[1] and given[0] >= low - slack and given[1] <= high + slack):
+        message = f"a range must be [lower, upper] within [{low:.6g}, {high:.6g}] (rad or mm)"
+        raise InputError(message, key=joint.name, found=list(given))
+    return max(given[0], low), min(given[1], high)

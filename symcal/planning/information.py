@@ -1,0 +1,173 @@
+r"""What one pose tells about the parameters: whitened, scaled rows on the identifiable subspace.
+
+    F(q) = Sigma^-1/2 J(q) S V_1,        I(q) = F^T F,        M = P + sum_i I(q_i)
+
+J is taken at nominal; Sigma is the stated noise, S the plausible size of each parameter's error, V_1 (p x n) an
+orthonormal basis of what the data can see, and P the (constant) information of priors. In these coordinates the covariance
+of the parameters is S V_1 M^-1 V_1^T S, whatever is measured: nuisance parameters such as base, tool or camera are simply
+parameters.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from symcal.errors import RefusedError
+from symcal.identifiability import Identifiability, analyse
+from symcal.kernels import BatchFunction, batch_function
+from symcal.measurements import Measurement, Setup
+from symcal.planning.area import WorkingArea, working_area
+
+Array = NDArray[np.float64]
+
+RANK_POSES = 2000
+"""Poses, spread evenly over the working area, from which rank and identifiable subspace are taken."""
+
+
+@dataclass(frozen=True, slots=True)
+class PoseInformation:
+    """The information of a pose as a function of its joint readings; made by `pose_information`.
+
+    names: the p free parameters. scales: their plausible errors, shape (p,). sigmas: the noise by group.
+    basis: V_1, shape (p, n), orthonormal in scaled coordinates. seen: the rank analysis behind it.
+    prior: P, shape (n, n): information that is there before any pose is measured; zero without priors.
+    expression: q -> Sigma^-1/2 J S, shape (m, p), a function of SX (not yet on the subspace).
+    """
+
+    measurement: Measurement
+    setup: Setup
+    area: WorkingArea
+    sigmas: dict[str, float]
+    names: tuple[str, ...]
+    scales: Array
+    seen: Identifiability
+    basis: Array
+    prior: Array
+    expression: ca.Function
+    _rows: BatchFunction
+    _pullback: BatchFunction
+
+    @property
+    def rank(self) -> int:
+        """n, the number of directions that the data determine."""
+        return int(self.basis.shape[1])
+
+    @property
+    def components(self) -> int:
+        """m, the residual components of one pose."""
+        return self.measurement.rows
+
+    def rows(self, poses: Array) -> Array:
+        """F at each pose, shape (N, m, n); poses (N, dof) in rad or mm."""
+        return np.asarray(self._rows(poses)[0] @ self.basis)
+
+    def matrices(self, poses: Array) -> Array:
+        """I = F^T F at each pose, shape (N, n, n)."""
+        rows = self.rows(poses)
+        return np.asarray(rows.swapaxes(-1, -2) @ rows)
+
+    def total(self, poses: Array) -> Array:
+        """M of a plan, shape (n, n): priors and the sum over its poses."""
+        stacked = self.rows(poses).reshape(-1, self.rank)
+        return np.asarray(self.prior + stacked.T @ stacked)
+
+    def weighted(self, poses: Array, weight: Array) -> Array:
+        """tr(I(q) W) at each pose, shape (N,), for a symmetric W, shape (n, n)."""
+        rows = self.rows(poses)
+        return np.einsum("kmi,kmi->k", rows @ weight, rows)
+
+    def weighted_gradient(self, poses: Array, weight: Array) -> tuple[Array, Array]:
+        """tr(I(q) W), shape (N,), and its exact derivative by the joint readings, shape (N, dof)."""
+        jacobian = self._rows(poses)[0]
+        lifted = 2.0 * (jacobian @ (self.basis @ weight @ self.basis.T))
+        return 0.5 * np.einsum("kmp,kmp->k", lifted, jacobian), self._pullback(poses, lifted)[0]
+
+    def lift(self, matrix: Array) -> Array:
+        """A covariance in the coordinates of the subspace as one of the free parameters (mm, rad), shape (p, p)."""
+        root = self.scales[:, None] * self.basis
+        return np.asarray(root @ matrix @ root.T)
+
+
+def pose_information(
+    measurement: Measurement,
+    setup: Setup,
+    sigmas: dict[str, float],
+    free: tuple[str, ...] | None = None,
+    *,
+    area: WorkingArea | None = None,
+    poses: int = 40,
+    prior_rows: Array | None = None,
+) -> PoseInformation:
+    """Information per pose at the nominal parameters.
+
+    The identifiable subspace is decided for a plan of ``poses`` poses spread evenly over the working area, by the
+    definition of `symcal.identifiability`: singular values of Sigma^-1/2 J S above 1. Priors of the parameter set count as
+    data.
+
+    Args:
+        sigmas: noise by group of the measurement: mm, rad or px. free: names of the free parameters; all when None.
+        area: where poses may lie; the robot's joint limits when None.
+        prior_rows: further rows of constant information by the free parameters (whitened, per mm and rad), (k, p).
+    Raises:
+        RefusedError: the measurement determines nothing at this noise.
+    """
+    robot, parameters = measurement.chain.robot, measurement.parameters
+    area = working_area(robot) if area is None else area
+    names = parameters.names if free is None else free
+    index = parameters.indices(names)
+    scales = parameters.scales[index]
+    whitening = 1.0 / measurement.per_component(sigmas)
+    q = ca.SX.sym("q", robot.dof)
+    at_nominal = measurement.jacobian(q, np.zeros(len(parameters)), setup.vector)
+    scaled = ca.diag(whitening) @ at_nominal[:, index.tolist()] @ ca.diag(scales)
+    expression = ca.Function("rows", [q], [ca.cse(ca.densify(ca.simplify(scaled)))], ["q"], ["J"])
+    adjoint = ca.SX.sym("adjoint", *scaled.shape)
+    slope = ca.densify(ca.gradient(ca.sum1(ca.sum2(scaled * adjoint)), q))
+    pullback = ca.Function("pullback", [q, adjoint], [ca.cse(slope)], ["q", "adjoint"], ["g"])
+    batch = batch_function(expression)
+
+    sampled = batch(area.even(RANK_POSES))[0]
+    sampled = sampled[np.isfinite(sampled).all(axis=(1, 2))].reshape(-1, len(names))
+    prior = _priors(measurement, names, prior_rows) * scales
+    # as much information as ``poses`` average ones have
+    stacked = np.vstack([sampled * np.sqrt(poses * measurement.rows / max(len(sampled), 1)), prior])
+    full = np.zeros((len(stacked), len(parameters)))
+    full[:, index] = stacked / scales
+    seen = analyse(full, parameters, names)
+    if seen.rank == 0:
+        raise RefusedError(
+            "at this noise the measurement determines none of the parameters better than their plausible size"
+        )
+    reduced = prior @ seen.seen
+    return PoseInformation(
+        measurement=measurement,
+        setup=setup,
+        area=area,
+        sigmas=dict(sigmas),
+        names=tuple(names),
+        scales=scales,
+        seen=seen,
+        basis=seen.seen,
+        prior=reduced.T @ reduced,
+        expression=expression,
+        _rows=batch,
+        _pullback=batch_function(pullback),
+    )
+
+
+def _priors(measurement: Measurement, names: tuple[str, ...], extra: Array | None) -> Array:
+    """Whitened rows of all priors by the free parameters, shape (k, p)."""
+    items = measurement.parameters.items
+    free = [items[measurement.parameters.index(name)] for name in names]
+    own = np.array(
+        [
+            [1.0 / p.prior_sigma if j == i else 0.0 for j in range(len(free))]
+            for i, p in enumerate(free)
+            if p.prior_sigma
+        ]
+    ).reshape(-1, len(free))
+    return own if extra is None else np.vstack([own, extra])

@@ -1,4 +1,4 @@
-"""Strict YAML documents: read without running code, every value with its line, one clear error when something is wrong."""
+"""Strict YAML documents: read without running code, each value with its line, one clear error when a thing is wrong."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
@@ -21,22 +22,38 @@ from symcal.errors import InputError
 Key = tuple[str | int, ...]
 Model = TypeVar("Model", bound=BaseModel)
 
-# YAML 1.2's floats: PyYAML's own pattern reads 1e-3 as a string.
-_FLOAT = re.compile(r"^[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?$|^[-+]?\.(?:inf|Inf|INF)$|^\.(?:nan|NaN|NAN)$")
-_BOOL = re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$")
+_TAG = "tag:yaml.org,2002:"
+_FLOAT = re.compile(
+    r"^[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?$|^[-+]?\.(?:inf|Inf|INF)$|^\.(?:nan|NaN|NAN)$"
+)
 
 
 class _Loader(yaml.SafeLoader):
-    """SafeLoader with YAML 1.2's numbers and booleans (`on`, `yes` and 12:30 stay strings)."""
+    """SafeLoader with YAML 1.2's scalars: 1e-3 is a number, 010 is ten; `on`, `yes` and 12:30 stay strings.
+
+    Tags and aliases are refused: files here need neither, and they are how YAML runs code and how a small file becomes
+    a huge one.
+    """
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        event: Any = self.peek_event()  # type: ignore[no-untyped-call]
+        if isinstance(event, yaml.AliasEvent):
+            raise _refused("aliases are not used here: write it out", event)
+        if getattr(event, "tag", None):
+            raise _refused(f"tags are not used here ({event.tag})", event)
+        return super().compose_node(parent, index)
 
 
-_Loader.yaml_implicit_resolvers = {
-    first: [(tag, pattern) for tag, pattern in resolvers if not tag.endswith((":float", ":bool", ":int", ":timestamp"))]
-    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
-}
-_Loader.add_implicit_resolver("tag:yaml.org,2002:int", re.compile(r"^[-+]?[0-9]+$"), list("-+0123456789"))
-_Loader.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+.0123456789"))
-_Loader.add_implicit_resolver("tag:yaml.org,2002:bool", _BOOL, list("tTfF"))
+def _refused(problem: str, event: Any) -> yaml.MarkedYAMLError:
+    return yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)
+
+
+_Loader.yaml_implicit_resolvers = {}
+_Loader.add_implicit_resolver(_TAG + "null", re.compile(r"^(?:~|null|Null|NULL|)$"), ["~", "n", "N", ""])
+_Loader.add_implicit_resolver(_TAG + "int", re.compile(r"^[-+]?[0-9]+$"), list("-+0123456789"))
+_Loader.add_implicit_resolver(_TAG + "float", _FLOAT, list("-+.0123456789"))
+_Loader.add_implicit_resolver(_TAG + "bool", re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), list("tTfF"))
+_Loader.add_constructor(_TAG + "int", lambda _, node: int(node.value))
 
 
 class Strict(BaseModel):
@@ -67,13 +84,16 @@ class Document:
         """A path written in this file: environment variables expanded, relative to the file's folder.
 
         Raises:
-            InputError: a variable is not set.
+            InputError: a variable is not set, or the text cannot be a path.
         """
         expanded = os.path.expandvars(path)
         missing = re.search(r"\$\{?(\w+)\}?", expanded)
         if missing:
             raise self.error(f"the environment variable {missing.group(1)} in this path is not set", key, found=path)
-        return (self.path.parent / Path(expanded).expanduser()).resolve()
+        try:
+            return (self.path.parent / Path(expanded).expanduser()).resolve()
+        except (OSError, RuntimeError, ValueError) as error:
+            raise self.error(f"not a path that can be used: {error}", key, found=path) from None
 
 
 def dotted(key: Key) -> str:
@@ -95,7 +115,9 @@ def read_document(path: Path | str) -> Document:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise InputError("there is no such file", file=path) from None
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
+        raise InputError(f"the file cannot be read: {error.strerror}", file=path) from None
+    except ValueError as error:
         raise InputError(f"the file cannot be read as UTF-8 text: {error}", file=path) from None
     try:
         loader = _Loader(text)
@@ -105,11 +127,16 @@ def read_document(path: Path | str) -> Document:
         lines: dict[Key, int] = {}
         _walk(node, (), lines, path)
         data = loader.construct_document(node)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        problem = getattr(error, "problem", None) or str(error)
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        raise InputError("a control character in the text: is this a YAML file?", file=path, line=line) from None
+    except yaml.MarkedYAMLError as error:
+        problem = "indent with spaces, not tabs" if "'\\t'" in str(error.problem) else error.problem
+        mark = error.problem_mark
         raise InputError(f"not valid YAML: {problem}", file=path, line=mark.line + 1 if mark else None) from None
-    except (ValueError, RecursionError) as error:
+    except RecursionError:
+        raise InputError("not valid YAML: nested too deeply", file=path) from None
+    except ValueError as error:  # an integer of thousands of digits
         raise InputError(f"not valid YAML: {error}", file=path) from None
     return Document(path, data, lines)
 
@@ -120,11 +147,12 @@ def _walk(node: yaml.Node, key: Key, lines: dict[Key, int], path: Path) -> None:
         for name, value in node.value:
             if not isinstance(name, yaml.ScalarNode):
                 raise InputError("a key must be a plain word", file=path, line=name.start_mark.line + 1)
-            inner = (*key, name.value)
+            name.tag = _TAG + "str"  # `1:` and `true:` are text as keys
+            inner, line = (*key, name.value), name.start_mark.line + 1
             if inner in lines:
-                where = f"first in line {lines[inner]}"
-                raise InputError(f"this key stands here twice ({where})", file=path, line=name.start_mark.line + 1, key=dotted(inner))
-            lines[inner] = name.start_mark.line + 1
+                message = f"this key stands here twice (first in line {lines[inner]})"
+                raise InputError(message, file=path, line=line, key=dotted(inner))
+            lines[inner] = line
             _walk(value, inner, lines, path)
     elif isinstance(node, yaml.SequenceNode):
         for index, value in enumerate(node.value):
@@ -155,8 +183,7 @@ def _existing(document: Document, loc: Key) -> Key:
 
 
 def _explain(document: Document, model: type[BaseModel], problem: ErrorDetails, more: int) -> InputError:
-    loc = problem["loc"]
-    kind = problem["type"]
+    loc, kind, context = problem["loc"], problem["type"], problem.get("ctx", {})
     key = _existing(document, loc)
     allowed: tuple[str, ...] = ()
     found: object = problem.get("input")
@@ -166,27 +193,38 @@ def _explain(document: Document, model: type[BaseModel], problem: ErrorDetails, 
         allowed = tuple(f.alias or name for name, f in owner.model_fields.items()) if owner else ()
         message, found = "unknown key", loc[-1]
     elif kind == "missing":
-        key = (*key, loc[-1])
-        message, found = "this key is missing", None
-    elif kind in ("literal_error", "enum", "union_tag_invalid"):
-        expected = str(problem.get("ctx", {}).get("expected") or problem.get("ctx", {}).get("expected_tags"))
-        allowed = tuple(re.findall(r"'([^']*)'", expected))
-        message = "not one of the allowed values"
-        if kind == "union_tag_invalid":
-            discriminator = str(problem["ctx"]["discriminator"]).strip("'")
-            key, found = (*key, discriminator), problem["ctx"]["tag"]
+        owner = _model_at(model, loc[:-1])
+        allowed = _choices(owner, loc[-1]) if owner else ()
+        key, message, found = (*key, loc[-1]), "this key is missing", None
+    elif kind in ("literal_error", "enum"):
+        message, allowed = "not one of the allowed values", _listed(context["expected"])
+    elif kind == "union_tag_invalid":
+        key, found = (*key, str(context["discriminator"]).strip("'")), context["tag"]
+        message, allowed = "not one of the allowed values", _listed(context["expected_tags"])
     elif kind == "union_tag_not_found":
-        key, found = (*key, str(problem["ctx"]["discriminator"]).strip("'")), None
-        message = "this key is missing"
-    elif kind == "finite_number":
-        message = "the number must be finite"
+        key, message, found = (*key, str(context["discriminator"]).strip("'")), "this key is missing", None
     elif isinstance(found, float) and math.isnan(found):
         message = "NaN is not a number that can be used"
+    elif kind == "finite_number":
+        message = "the number must be finite"
     if isinstance(found, (dict, list)):
         found = None
     if more and kind != "extra_forbidden":
         message += f" ({more} more problem{'s' if more > 1 else ''} in this file)"
     return document.error(message, key, found=found, allowed=allowed)
+
+
+def _listed(expected: object) -> tuple[str, ...]:
+    """The values in pydantic's `'mm', 'm' or 'in'`, or `1 or -1`."""
+    return tuple(part.strip("' ") for part in re.split(r",| or ", str(expected)))
+
+
+def _choices(model: type[BaseModel], part: object) -> tuple[str, ...]:
+    """What a field accepts, when its schema lists it."""
+    for name, field in model.model_fields.items():
+        if part in (name, field.alias) and typing.get_origin(field.annotation) is typing.Literal:
+            return tuple(map(str, typing.get_args(field.annotation)))
+    return ()
 
 
 def _model_at(model: type[BaseModel], loc: Key) -> type[BaseModel] | None:
@@ -235,19 +273,19 @@ class _Dumper(yaml.SafeDumper):
         return True
 
 
-def _represent_list(dumper: yaml.SafeDumper, data: list[Any]) -> yaml.Node:
+def _represent_list(dumper: yaml.SafeDumper, data: typing.Sequence[Any]) -> yaml.Node:
     flat = all(isinstance(item, (int, float, str)) for item in data)
     return dumper.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=flat)
 
 
-def _represent_float(dumper: yaml.SafeDumper, value: float) -> yaml.Node:
-    text = repr(value)
-    return dumper.represent_scalar("tag:yaml.org,2002:float", text if "." in text or "e" in text else text + ".0")
+def _represent_numpy(dumper: yaml.SafeDumper, data: np.generic) -> yaml.Node:
+    return dumper.represent_data(data.item())
 
 
+_Dumper.add_implicit_resolver(_TAG + "float", _FLOAT, list("-+.0123456789"))  # so that the string '1e-3' is quoted
 _Dumper.add_representer(list, _represent_list)
-_Dumper.add_representer(tuple, lambda d, v: _represent_list(d, list(v)))
-_Dumper.add_representer(float, _represent_float)
+_Dumper.add_representer(tuple, _represent_list)
+_Dumper.add_multi_representer(np.generic, _represent_numpy)  # type: ignore[type-abstract]
 
 
 def write_document(path: Path | str, data: Mapping[str, Any]) -> None:

@@ -1,6 +1,6 @@
 """Everything that symcal refuses, as one family of exceptions.
 
-The command line turns any `SymcalError` into one message and exit code 1; a traceback therefore always means a bug of ours.
+The command line turns any `SymcalError` into one message and exit code 1: a traceback always means a bug of ours.
 Children carry their facts as attributes, so that a program can react without parsing the message.
 """
 
@@ -49,7 +49,8 @@ class InputError(SymcalError):
         parts = [where, f"key '{self.key}'" if self.key else "", self.message]
         text = ": ".join(part for part in parts if part)
         if self.found is not None:
-            text += f" (found: {self.found})"
+            found = " ".join(self.found.split())
+            text += f" (found: {found if len(found) <= 80 else found[:77] + '...'})"
         if self.allowed:
             close = get_close_matches(self.found or (self.key or "").rpartition(".")[2], self.allowed, n=1)
             hint = f"did you mean '{close[0]}'? " if close else ""
@@ -58,4 +59,4 @@ class InputError(SymcalError):
 
 
 class RefusedError(SymcalError):
-    """The input is readable, but what is asked cannot be done honestly with it: the message says why and what would help."""
+    """The input is readable, but what is asked cannot be done honestly with it; the message says why and what helps."""

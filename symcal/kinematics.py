@@ -1,12 +1,12 @@
 """The one kinematic expression: robot -> symbolic pose and the screws of every joint and parameter.
 
-Simulation, identification, planning, compensation and exported C all come from `chain`. The Jacobians are geometric: each coordinate s
-(a joint reading or a parameter error) moves whatever is fixed to the tool with the velocity field
+Simulation, identification, planning, compensation and exported C all come from `chain`. The Jacobians are geometric:
+each coordinate s (a joint reading or a parameter error) moves whatever is fixed to the tool with the velocity field
 
     dp/ds = v + omega x p        (p in world)
 
-so a measurement needs only the screws (omega, v) and the derivative of its own last step. It is the derivative that automatic
-differentiation gives, with about half the operations (the tests compare the two).
+so a measurement needs only the screws (omega, v) and the derivative of its own last step. It is the derivative that
+automatic differentiation gives, with about half the operations (the tests compare the two).
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Chain:
     q: joint readings, shape (dof,), rad or mm. x: parameter errors in the order of ``parameters``.
     frames: the nominal base and tool frames as numbers to be given at evaluation, shape (24,), see `frame_vector`.
     flange, tool: T_world_flange and T_world_tool, shape (4, 4), mm. links: T_world_i of every link frame.
-    joint_screws, parameter_screws: one per q and per x (a parameter of a tool *point* moves no frame: its screw is zero).
+    joint_screws, parameter_screws: one per q and per x (a parameter of a tool *point* moves no frame: zero).
     """
 
     robot: Robot
@@ -66,7 +66,7 @@ class Chain:
 
 
 def frame_vector(base: Array, tool: Array) -> Array:
-    """Base and tool (4, 4) as the vector that `Chain.frames` stands for: the upper three rows of each, column by column."""
+    """Base and tool (4, 4) as the vector that `Chain.frames` stands for: upper three rows of each, by columns."""
     return np.concatenate([base[:3].ravel(order="F"), tool[:3].ravel(order="F")])
 
 
@@ -106,8 +106,8 @@ class _Walk:
             if f"{frame}_{label}" in x:
                 # all three move along the axes of the nominal frame, so their order does not matter
                 self.translate(axis, x[f"{frame}_{label}"], (f"{frame}_{label}",))
-        if f"{frame}_rx" in x:
-            r = ca.vertcat(*(x[f"{frame}_{label}"] for label in FRAME_AXES[3:]))
+        if any(f"{frame}_{label}" in x for label in FRAME_AXES[3:]):
+            r = ca.vertcat(*(x.get(f"{frame}_{label}", 0) for label in FRAME_AXES[3:]))
             omegas = self.rotation @ spatial.left_jacobian(r)
             for k, label in enumerate(FRAME_AXES[3:]):
                 self.screws[f"{frame}_{label}"] = Screw(omegas[:, k], ca.cross(self.origin, omegas[:, k]))
@@ -186,8 +186,8 @@ def function(name: str, inputs: dict[str, SX], outputs: dict[str, SX]) -> ca.Fun
 def forward(model: Chain) -> ca.Function:
     """(q, x, frames) -> T_world_tool (4, 4), the Jacobian of the tool by joints (6, dof) and by parameters (6, n).
 
-    A Jacobian's upper three rows are the velocity of the tool's origin (mm per unit), the lower three the angular velocity (rad per unit), both
-    in world.
+    A Jacobian's upper three rows are the velocity of the tool's origin (mm per unit), the lower three the angular
+    velocity (rad per unit), both in world.
     """
     origin = model.tool[:3, 3]
     return function(

@@ -1,11 +1,12 @@
 """The parameter vector: names, order, units, nominal values, scales and priors in one place.
 
-The vector x holds *errors*: identified minus nominal, so x = 0 is the nominal robot. Link parameters come first, by kind and link as in
-[Ding2017] eq. 3; then base, tool, and tool points.
+The vector x holds *errors*: identified minus nominal, so x = 0 is the nominal robot. Link parameters come first, by
+kind and link as in [Ding2017] eq. 3; then base, tool, and tool points.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -45,6 +46,11 @@ class ParameterSet:
     """The parameters of a model in the order of its vector."""
 
     items: tuple[Parameter, ...]
+
+    def __post_init__(self) -> None:
+        names = self.names
+        if len(set(names)) < len(names):
+            raise InputError("two parameters have this name", found=next(n for n in names if names.count(n) > 1))
 
     def __len__(self) -> int:
         return len(self.items)
@@ -87,18 +93,21 @@ class ParameterSet:
         return {p.name: float(v) for p, v in zip(self.items, x, strict=True)}
 
     def with_scales(self, scales: Mapping[str, float]) -> ParameterSet:
-        return self._with("scale", scales)
+        """The same set where the plausible errors of these parameters are these; mm, rad."""
+        self._check(scales)
+        return ParameterSet(tuple(replace(p, scale=scales.get(p.name, p.scale)) for p in self.items))
 
     def with_priors(self, sigmas: Mapping[str, float]) -> ParameterSet:
-        return self._with("prior_sigma", sigmas)
+        """The same set where these errors have a prior of mean zero and this standard deviation; mm, rad."""
+        self._check(sigmas)
+        return ParameterSet(tuple(replace(p, prior_sigma=sigmas.get(p.name, p.prior_sigma)) for p in self.items))
 
-    def _with(self, field: str, values: Mapping[str, float]) -> ParameterSet:
-        for name in values:
+    def _check(self, values: Mapping[str, float]) -> None:
+        for name, value in values.items():
             if name not in self.names:
                 raise InputError("no such parameter", found=name, allowed=self.names)
-        return ParameterSet(
-            tuple(replace(p, **{field: values[p.name]}) if p.name in values else p for p in self.items)
-        )
+            if not 0 < value < math.inf:
+                raise InputError("must be positive and finite", key=name, found=value)
 
 
 def parameter_set(
@@ -107,6 +116,7 @@ def parameter_set(
     """All parameters that a model of this robot has.
 
     Args:
+        robot: gives the link parameters, their nominal values and the scales that its file states.
         base: six increments `base_x`..`base_rz` on the nominal base frame (rotation vector, applied on the right).
         tool: the same for the tool frame, or its position alone.
         points: names of tool points whose coordinates are parameters (`tool_P1_x`, ...).

@@ -3,7 +3,8 @@
 Conventions ([Ding2017] Table I is the first, [Craig2005] sec. 3.4 the second; beta after [Hayati1985]):
     standard (distal):   T_i = Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta)
     craig (proximal):    T_i = Rx(alpha) Tx(a) Ry(beta) Rz(theta) Tz(d)
-The joint variable adds to theta (revolute) or d (prismatic). A link lists only the parameters that its transform contains.
+The joint variable adds to theta (revolute) or d (prismatic). A link lists only the parameters that its transform
+contains.
 """
 
 from __future__ import annotations
@@ -12,32 +13,22 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
-from scipy.spatial.transform import Rotation
 
 from symcal import spatial
-from symcal.documents import Document, Strict, read_document, validate, write_document
+from symcal.documents import write_document
 from symcal.errors import InputError
+from symcal.robot_schema import LINK_PARAMETERS, SCHEMA, Calibration, LinkEntry, read_robot_file
+from symcal.robot_schema import Convention as Convention
+from symcal.robot_schema import Frame as Frame
+from symcal.robot_schema import JointKind as JointKind
+from symcal.robot_schema import is_angle as is_angle
 from symcal.units import ANGLE, LENGTH, AngleUnit, LengthUnit
 
 Array = NDArray[np.float64]
-Convention = Literal["standard", "craig"]
-JointKind = Literal["revolute", "prismatic"]
-
-LINK_PARAMETERS = ("theta", "alpha", "a", "d", "beta")
-"""The kinds of link parameters, in the order of the parameter vector ([Ding2017] eq. 3)."""
-
-SCHEMA = "symcal/robot/1"
-
-
-def is_angle(parameter: str) -> bool:
-    """Whether a link parameter is an angle (rad) rather than a length (mm)."""
-    return parameter in ("theta", "alpha", "beta")
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,9 +61,9 @@ class Link:
     parameters: Mapping[str, float]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Record:
-    """What an identification left in a calibrated robot: its numbers are already in the robot, this says where they come from.
+    """What an identification left in a calibrated robot, whose numbers are those after it.
 
     errors: identified minus nominal by parameter name, mm or rad; base and tool increments included.
     sigmas: standard deviation by name, or None where the data do not determine the parameter.
@@ -93,7 +84,7 @@ def _identity() -> Array:
     return np.eye(4)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Robot:
     """A serial chain: T_world_tool(q) = base * T_1(q_1) ... T_n(q_n) * tool.
 
@@ -170,152 +161,52 @@ class Robot:
         )
 
 
-# ------------------------------------------------------------------------------------------------ the file's schema
-
-
-class _Units(Strict):
-    length: LengthUnit
-    angle: AngleUnit
-
-
-class Frame(Strict):
-    """A frame in a file: `{xyz, rpy}` (R = Rz(yaw) Ry(pitch) Rx(roll)) or `{xyz, quat_xyzw}`."""
-
-    xyz: Annotated[list[float], Field(min_length=3, max_length=3)] = [0.0, 0.0, 0.0]
-    rpy: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None
-    quat_xyzw: Annotated[list[float], Field(min_length=4, max_length=4)] | None = None
-
-    @model_validator(mode="after")
-    def _one_rotation(self) -> Frame:
-        if self.rpy is not None and self.quat_xyzw is not None:
-            raise PydanticCustomError("frame", "a frame has 'rpy' or 'quat_xyzw', not both")
-        if self.quat_xyzw is not None and abs(np.linalg.norm(self.quat_xyzw) - 1) > 1e-3:
-            raise PydanticCustomError("frame", "'quat_xyzw' must be a unit quaternion (x, y, z, w)")
-        return self
-
-    def matrix(self, length: float, angle: float) -> Array:
-        """T (4, 4) in mm; length and angle are mm and rad per unit of the file."""
-        if self.quat_xyzw is not None:
-            rotation = Rotation.from_quat(self.quat_xyzw).as_matrix()
-        else:
-            rotation = spatial.rpy_matrix(np.asarray(self.rpy or [0.0, 0.0, 0.0]) * angle)
-        return spatial.transform(rotation, np.asarray(self.xyz) * length)
-
-
-class _Link(Strict):
-    joint: JointKind
-    name: str | None = None
-    limits: Annotated[list[float], Field(min_length=2, max_length=2)] | None = None
-    sign: Literal[1, -1] = 1
-    ratio: float = 1.0
-    offset: float = 0.0
-    speed: Annotated[float, Field(gt=0)] | None = None
-    theta: float | None = None
-    alpha: float | None = None
-    a: float | None = None
-    d: float | None = None
-    beta: float | None = None
-
-    @model_validator(mode="after")
-    def _sensible(self) -> _Link:
-        if self.limits is not None and not self.limits[0] < self.limits[1]:
-            raise PydanticCustomError("limits", "'limits' must be [lower, upper] with lower < upper")
-        if self.ratio == 0:
-            raise PydanticCustomError("ratio", "'ratio' must not be zero: q_model = sign * ratio * reading + offset")
-        return self
-
-
-class _Calibration(Strict):
-    errors: dict[str, float]
-    sigmas: dict[str, float | None]
-    covariance: list[list[float]]
-    nominal_base: Frame
-    nominal_tool: Frame
-    provenance: dict[str, Any] = {}
-
-
-class _RobotFile(Strict):
-    schema_: Literal["symcal/robot/1"] = Field(default=SCHEMA, alias="schema")
-    name: Annotated[str, Field(min_length=1)]
-    convention: Convention
-    units: _Units
-    links: Annotated[list[_Link], Field(min_length=1)]
-    base: Frame = Frame()
-    tool: Frame = Frame()
-    scales: dict[str, Annotated[float, Field(gt=0)]] = {}
-    calibration: _Calibration | None = None
-
-
 def load_robot(path: Path | str) -> Robot:
     """Read a robot file (nominal or calibrated).
 
     Raises:
         InputError: with file, line and key, for anything that is not as the schema says or cannot be.
     """
-    document = read_document(path)
-    file = validate(document, _RobotFile)
+    file = read_robot_file(path)
     length, angle = LENGTH[file.units.length], ANGLE[file.units.angle]
-    names = [link.name or f"joint_{i}" for i, link in enumerate(file.links, start=1)]
-    for i, name in enumerate(names):
-        if name in names[:i]:
-            raise document.error("two joints have this name", ("links", i, "name"), found=name)
-    links = tuple(_link(document, i, link, names[i], length, angle) for i, link in enumerate(file.links))
-    robot = Robot(
+    return Robot(
         name=file.name,
         convention=file.convention,
-        links=links,
+        links=tuple(
+            _link(entry, name, length, angle) for entry, name in zip(file.links, file.joint_names, strict=True)
+        ),
         base=file.base.matrix(length, angle),
         tool=file.tool.matrix(length, angle),
+        scales={name: v * (angle if is_angle(name.rpartition("_")[0]) else length) for name, v in file.scales.items()},
+        record=_record(file.calibration, length, angle),
     )
-    scales = {}
-    for name, value in file.scales.items():
-        kind = name.rpartition("_")[0]
-        if name not in robot.parameters:
-            raise document.error(
-                "no such link parameter", ("scales", name), found=name, allowed=robot.parameters
-            )
-        scales[name] = value * (angle if is_angle(kind) else length)
-    return replace(robot, scales=scales, record=_record(document, file, length, angle))
 
 
-def _link(document: Document, index: int, link: _Link, name: str, length: float, angle: float) -> Link:
-    unit = angle if link.joint == "revolute" else length
-    parameters = {}
-    for kind in LINK_PARAMETERS:
-        value: float | None = getattr(link, kind)
-        if value is not None:
-            parameters[kind] = value * (angle if is_angle(kind) else length)
-            if is_angle(kind) and abs(parameters[kind]) > 4 * math.pi + 1e-9:
-                message = "an angle of more than two turns: is it in the unit that 'units.angle' says?"
-                raise document.error(message, ("links", index, kind), found=value)
-    if link.joint == "revolute" and link.limits and max(map(abs, link.limits)) * angle > 200 * math.pi:
-        message = "limits of more than a hundred turns: are they in the unit that 'units.angle' says?"
-        raise document.error(message, ("links", index, "limits"), found=link.limits)
-    lower, upper = (x * unit for x in link.limits) if link.limits else (-math.inf, math.inf)
+def _link(entry: LinkEntry, name: str, length: float, angle: float) -> Link:
+    unit = angle if entry.joint == "revolute" else length
+    listed = {kind: getattr(entry, kind) for kind in LINK_PARAMETERS}
+    parameters = {k: v * (angle if is_angle(k) else length) for k, v in listed.items() if v is not None}
+    lower, upper = (x * unit for x in entry.limits) if entry.limits else (-math.inf, math.inf)
     joint = Joint(
-        kind=link.joint,
+        kind=entry.joint,
         name=name,
         lower=lower,
         upper=upper,
-        sign=link.sign,
-        ratio=link.ratio,
-        offset=link.offset * unit,
-        speed=None if link.speed is None else link.speed * unit,
+        sign=entry.sign,
+        ratio=entry.ratio,
+        offset=entry.offset * unit,
+        speed=None if entry.speed is None else entry.speed * unit,
     )
     return Link(joint, parameters)
 
 
-def _record(document: Document, file: _RobotFile, length: float, angle: float) -> Record | None:
-    c = file.calibration
+def _record(c: Calibration | None, length: float, angle: float) -> Record | None:
     if c is None:
         return None
-    n = len(c.errors)
-    if len(c.covariance) != n or any(len(row) != n for row in c.covariance):
-        raise document.error(f"the covariance must be {n} x {n}, one row per error", ("calibration", "covariance"))
     return Record(
         errors=c.errors,
         sigmas=c.sigmas,
-        covariance=np.array(c.covariance).reshape(n, n),
+        covariance=np.array(c.covariance).reshape(len(c.errors), len(c.errors)),
         nominal_base=c.nominal_base.matrix(length, angle),
         nominal_tool=c.nominal_tool.matrix(length, angle),
         provenance=c.provenance,
@@ -323,7 +214,7 @@ def _record(document: Document, file: _RobotFile, length: float, angle: float) -
 
 
 def save_robot(robot: Robot, path: Path | str, units: tuple[LengthUnit, AngleUnit] = ("mm", "deg")) -> None:
-    """Write a robot file that `load_robot` reads back; errors, sigmas and covariance of a calibration stay in mm and rad.
+    """Write a robot file that `load_robot` reads back; a calibration's errors, sigmas, covariance stay in mm and rad.
 
     Raises:
         InputError: the file cannot be written.

@@ -1,14 +1,15 @@
 """Rotations and rigid transforms, symbolic and numeric.
 
 The symbolic half takes and gives CasADi SX and is smooth where it is used: the exponential at the zero vector, the
-logarithm at the identity and at half a turn are guarded at the point itself. The numeric half serves the edge (files, closed-form
-registration) and leaves rotation formats to SciPy.
+logarithm at the identity and at half a turn are guarded at the point itself. The numeric half serves the edge (files,
+closed-form registration) and leaves rotation formats to SciPy.
 
 Frames: `T_a_b` is the pose of b in a, shape (4, 4), translation in mm.
 """
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import casadi as ca
@@ -49,7 +50,7 @@ def _series(theta2: SX, exact: Any, series: Any) -> SX:
 
 
 def exp_rotation(r: SX) -> SX:
-    """Rotation matrix of the rotation vector r (rad), shape (3, 3): Rodrigues' formula, exact and differentiable at zero."""
+    """Rotation matrix, shape (3, 3), of the rotation vector r (rad): Rodrigues' formula, differentiable at zero."""
     theta2 = ca.dot(r, r)
     a = _series(theta2, lambda t: ca.sin(t) / t, lambda t2: 1 - t2 / 6)
     b = _series(theta2, lambda t: 2 * (ca.sin(t / 2) / t) ** 2, lambda t2: 0.5 - t2 / 24)
@@ -144,8 +145,6 @@ def rpy_matrix(rpy: Array) -> Array:
 
 def matrix_rpy(matrix: Array) -> Array:
     """Roll, pitch, yaw (rad), shape (3,), of a rotation matrix; in gimbal lock yaw is set to zero."""
-    import warnings
-
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Gimbal lock")  # the third angle is free there: SciPy's zero is ours
         return np.asarray(Rotation.from_matrix(matrix).as_euler("xyz"), dtype=np.float64)

@@ -29,7 +29,7 @@ _FLOAT = re.compile(
 
 
 class _Loader(yaml.SafeLoader):
-    """SafeLoader with YAML 1.2's scalars: 1e-3 is a number, 010 is ten; `on`, `yes` and 12:30 stay strings.
+    """SafeLoader with YAML 1.2's scalars: 1e-3 is a number, 010 is ten; `on`, `yes` and 12:30 stay text.
 
     Tags and aliases are refused: files here need neither, and they are how YAML runs code and how a small file becomes
     a huge one.
@@ -50,7 +50,7 @@ def _refused(problem: str, event: Any) -> yaml.MarkedYAMLError:
 
 _Loader.yaml_implicit_resolvers = {}
 _Loader.add_implicit_resolver(_TAG + "null", re.compile(r"^(?:~|null|Null|NULL|)$"), ["~", "n", "N", ""])
-_Loader.add_implicit_resolver(_TAG + "int", re.compile(r"^[-+]?[0-9]+$"), list("-+0123456789"))
+_Loader.add_implicit_resolver(_TAG + "int", re.compile(r"^[-+]?[0-9]{1,18}$"), list("-+0123456789"))
 _Loader.add_implicit_resolver(_TAG + "float", _FLOAT, list("-+.0123456789"))
 _Loader.add_implicit_resolver(_TAG + "bool", re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), list("tTfF"))
 _Loader.add_constructor(_TAG + "int", lambda _, node: int(node.value))
@@ -136,8 +136,6 @@ def read_document(path: Path | str) -> Document:
         raise InputError(f"not valid YAML: {problem}", file=path, line=mark.line + 1 if mark else None) from None
     except RecursionError:
         raise InputError("not valid YAML: nested too deeply", file=path) from None
-    except ValueError as error:  # an integer of thousands of digits
-        raise InputError(f"not valid YAML: {error}", file=path) from None
     return Document(path, data, lines)
 
 
@@ -182,6 +180,18 @@ def _existing(document: Document, loc: Key) -> Key:
     return key
 
 
+_EXPECTED = {
+    "finite_number": "the number must be finite",
+    "float_type": "expected a number, with neither unit nor quotes",
+    "int_type": "expected a whole number",
+    "bool_type": "expected true or false",
+    "string_type": "expected text (in quotes if it looks like a number)",
+    "list_type": "expected a list",
+    "dict_type": "expected keys with values",
+    "model_type": "expected keys with values",
+}
+
+
 def _explain(document: Document, model: type[BaseModel], problem: ErrorDetails, more: int) -> InputError:
     loc, kind, context = problem["loc"], problem["type"], problem.get("ctx", {})
     key = _existing(document, loc)
@@ -205,9 +215,9 @@ def _explain(document: Document, model: type[BaseModel], problem: ErrorDetails, 
         key, message, found = (*key, str(context["discriminator"]).strip("'")), "this key is missing", None
     elif isinstance(found, float) and math.isnan(found):
         message = "NaN is not a number that can be used"
-    elif kind == "finite_number":
-        message = "the number must be finite"
-    if isinstance(found, (dict, list)):
+    elif kind in _EXPECTED:
+        message = _EXPECTED[kind] if found is not None else "nothing stands behind this key"
+    if isinstance(found, dict) or (isinstance(found, list) and any(isinstance(item, (dict, list)) for item in found)):
         found = None
     if more and kind != "extra_forbidden":
         message += f" ({more} more problem{'s' if more > 1 else ''} in this file)"

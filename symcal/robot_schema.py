@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 from scipy.spatial.transform import Rotation
 
@@ -47,10 +47,29 @@ def _given(value: Any) -> Any:
     return value
 
 
-# Keys that a file may leave out; an empty one is a mistake, not an absence.
-_Number = Annotated[float | None, BeforeValidator(_given)]
+def _rising(limits: list[float]) -> list[float]:
+    if not limits[0] < limits[1]:
+        raise PydanticCustomError("limits", "limits are [lower, upper] with lower < upper")
+    return limits
+
+
+def _not_zero(ratio: float) -> float:
+    if ratio == 0:
+        raise PydanticCustomError("ratio", "must not be zero: q_model = sign * ratio * reading + offset")
+    return ratio
+
+
+def _unit(quaternion: list[float]) -> list[float]:
+    if abs(math.hypot(*quaternion) - 1) > 1e-3:
+        raise PydanticCustomError("quaternion", "must be a unit quaternion (x, y, z, w)")
+    return quaternion
+
+
 _Positive = Annotated[float, Field(gt=0)]
+_Pair = Annotated[list[float], Field(min_length=2, max_length=2), AfterValidator(_rising)]
 _Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
+_Quaternion = Annotated[list[float], Field(min_length=4, max_length=4), AfterValidator(_unit)]
+_Number = Annotated[float | None, BeforeValidator(_given)]  # may be left out, but not left empty
 
 
 class Frame(Strict):
@@ -58,14 +77,12 @@ class Frame(Strict):
 
     xyz: _Triple = Field(default_factory=lambda: [0.0, 0.0, 0.0])
     rpy: Annotated[_Triple | None, BeforeValidator(_given)] = None
-    quat_xyzw: Annotated[list[float] | None, Field(min_length=4, max_length=4), BeforeValidator(_given)] = None
+    quat_xyzw: Annotated[_Quaternion | None, BeforeValidator(_given)] = None
 
     @model_validator(mode="after")
     def _one_rotation(self) -> Frame:
         if self.rpy is not None and self.quat_xyzw is not None:
             raise PydanticCustomError("frame", "a frame has 'rpy' or 'quat_xyzw', not both")
-        if self.quat_xyzw is not None and abs(np.linalg.norm(self.quat_xyzw) - 1) > 1e-3:
-            raise PydanticCustomError("frame", "'quat_xyzw' must be a unit quaternion (x, y, z, w)")
         return self
 
     def matrix(self, length: float, angle: float) -> Array:
@@ -80,9 +97,9 @@ class Frame(Strict):
 class LinkEntry(Strict):
     joint: JointKind
     name: Annotated[str | None, Field(min_length=1), BeforeValidator(_given)] = None
-    limits: Annotated[list[float] | None, Field(min_length=2, max_length=2), BeforeValidator(_given)] = None
+    limits: Annotated[_Pair | None, BeforeValidator(_given)] = None
     sign: Literal[1, -1] = 1
-    ratio: float = 1.0
+    ratio: Annotated[float, AfterValidator(_not_zero)] = 1.0
     offset: float = 0.0
     speed: Annotated[_Positive | None, BeforeValidator(_given)] = None
     theta: _Number = None
@@ -90,14 +107,6 @@ class LinkEntry(Strict):
     a: _Number = None
     d: _Number = None
     beta: _Number = None
-
-    @model_validator(mode="after")
-    def _sensible(self) -> LinkEntry:
-        if self.limits is not None and not self.limits[0] < self.limits[1]:
-            raise PydanticCustomError("limits", "'limits' must be [lower, upper] with lower < upper")
-        if self.ratio == 0:
-            raise PydanticCustomError("ratio", "'ratio' must not be zero: q_model = sign * ratio * reading + offset")
-        return self
 
 
 class Calibration(Strict):
@@ -142,7 +151,7 @@ def read_robot_file(path: Path | str) -> RobotFile:
     if file.calibration is None:  # an identified angle is what it is
         _check_angles(document, file)
     else:
-        _check_calibration(document, file.calibration)
+        _check_calibration(document, file.calibration, file.parameter_names)
     for name in file.scales:
         if name not in file.parameter_names:
             raise document.error("no such link parameter", ("scales", name), found=name, allowed=file.parameter_names)
@@ -179,11 +188,15 @@ def _check_angles(document: Document, file: RobotFile) -> None:
             raise document.error(message, key, found=value)
 
 
-def _check_calibration(document: Document, calibration: Calibration) -> None:
+def _check_calibration(document: Document, calibration: Calibration, parameters: list[str]) -> None:
+    for name in calibration.errors:
+        if name.rpartition("_")[0] in LINK_PARAMETERS and name not in parameters:
+            key: Key = ("calibration", "errors", name)
+            raise document.error("no such link parameter", key, found=name, allowed=parameters)
     n = len(calibration.errors)
     if [len(row) for row in calibration.covariance] != [n] * n:
         raise document.error(f"the covariance must be {n} x {n}, one row per error", ("calibration", "covariance"))
     for name in calibration.sigmas:
         if name not in calibration.errors:
-            key: Key = ("calibration", "sigmas", name)
+            key = ("calibration", "sigmas", name)
             raise document.error("no error has this name", key, found=name, allowed=calibration.errors)

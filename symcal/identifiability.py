@@ -43,18 +43,22 @@ class Identifiability:
     """
 
     names: tuple[str, ...]
+    units: tuple[str, ...]
     scales: Array
     singular_values: Array
     rank: int
     numerical_rank: int
     seen: Array
     hidden: Array
-    unseen: tuple[Direction, ...]
 
     @property
     def condition_number(self) -> float:
         """Largest over smallest singular value of the identifiable subspace."""
         return float(self.singular_values[0] / self.singular_values[self.rank - 1]) if self.rank else float("inf")
+
+    def unseen(self) -> tuple[Direction, ...]:
+        """A sparse basis of the hidden subspace, each vector with its sentence (some tenths of a second for forty parameters)."""
+        return _directions(self.hidden, self.names, self.scales, self.units)
 
 
 def decompose(scaled: Array, threshold: float | None = 1.0) -> tuple[Array, Array, int, int]:
@@ -74,7 +78,11 @@ def decompose(scaled: Array, threshold: float | None = 1.0) -> tuple[Array, Arra
 
 
 def analyse(
-    jacobian: Array, parameters: ParameterSet, free: tuple[str, ...] | None = None, *, noise_known: bool = True
+    jacobian: Array,
+    parameters: ParameterSet,
+    free: tuple[str, ...] | None = None,
+    *,
+    noise_known: bool = True,
 ) -> Identifiability:
     """Identifiability of the free parameters from stacked whitened rows.
 
@@ -96,7 +104,7 @@ def analyse(
         numerical_rank=numerical,
         seen=v[:, :rank],
         hidden=hidden,
-        unseen=_directions(hidden, names, scales, units),
+        units=units,
     )
 
 

@@ -1,0 +1,148 @@
+"""First values of base, tool and tool points, found from the data with the nominal robot: nobody has to type them.
+
+With the tool known the base is a rigid fit in closed form ([Umeyama1991]), and the other way round; the two are alternated from several
+first tools. For pose data the closed form of measured_i = B flange_i X ([Shah2013]) is one of the starts. What comes out is a first guess: the identification
+refines the best few by Levenberg-Marquardt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import permutations, product
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symcal import spatial
+
+Array = NDArray[np.float64]
+
+LEVER = 200.0
+"""mm: a pose is seen as its origin and a point at this distance along each axis."""
+
+_ALTERNATIONS = 25
+
+
+@dataclass(frozen=True, slots=True)
+class Registration:
+    """Base and tool (4, 4), tool points (k, 3) in mm, and the rms distance (mm) that they leave."""
+
+    base: Array
+    tool: Array
+    points: Array
+    rms: float
+
+
+def rigid_fit(source: Array, target: Array) -> Array:
+    """T_target_source, shape (4, 4), least squares over pairs of points, shape (k, 3) each. Source: [Umeyama1991]."""
+    a, b = source.mean(axis=0), target.mean(axis=0)
+    u, _, vt = np.linalg.svd((target - b).T @ (source - a))
+    rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    return spatial.transform(rotation, b - rotation @ a)
+
+
+def hand_eye(flange: Array, measured: Array) -> tuple[Array, Array]:
+    """Base B and tool X, shape (4, 4) each, with measured_i = B flange_i X; shapes (N, 4, 4).
+
+    With Y = R_X^T every pose says R_z Y = R_B R_F, so (vec Y, vec R_B) is the leading pair of singular vectors of sum kron(R_z, R_F);
+    the translations follow linearly. Needs rotations about two axes. Source: [Shah2013].
+    """
+    a, b = flange[:, :3, :3], measured[:, :3, :3]
+    u, _, vt = np.linalg.svd(np.einsum("nij,nkl->ikjl", b, a).reshape(9, 9))
+    tool = _nearest_rotation(vt[0].reshape(3, 3)).T
+    base = _nearest_rotation(u[:, 0].reshape(3, 3))
+    # p_z - R_B p_F = p_B + (R_B R_F) p_X
+    rows = np.concatenate([np.broadcast_to(np.eye(3), (len(a), 3, 3)), base @ a], axis=2).reshape(-1, 6)
+    right = (measured[:, :3, 3] - flange[:, :3, 3] @ base.T).ravel()
+    solution = np.linalg.lstsq(rows, right, rcond=1e-8)[0]
+    return spatial.transform(base, solution[:3]), spatial.transform(tool, solution[3:])
+
+
+def _nearest_rotation(matrix: Array) -> Array:
+    u, _, vt = np.linalg.svd(matrix * np.sign(np.linalg.det(matrix)))
+    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
+
+
+def virtual_points(poses: Array) -> Array:
+    """Origin and three axis points of poses (N, 4, 4), shape (N, 4, 3), mm."""
+    offsets = np.vstack([np.zeros(3), LEVER * np.eye(3)])
+    return np.asarray(poses[:, None, :3, 3] + np.einsum("nij,kj->nki", poses[:, :3, :3], offsets))
+
+
+def register(
+    flange: Array,
+    measured: Array,
+    nominal: Registration,
+    *,
+    base: bool,
+    tool: Literal["frame", "position", "points"] | None,
+    starts: tuple[Registration, ...] = (),
+) -> list[Registration]:
+    """The best few guesses of what is to be estimated, best first.
+
+    Args:
+        flange: T_base_flange by nominal kinematics, shape (N, 4, 4). measured: points in world, shape (N, k, 3), NaN where not seen.
+        nominal: what is known or guessed; parts that are not estimated stay as they are. base: estimate the base.
+        tool: estimate the tool's frame, its position, or every point by itself. starts: further first guesses.
+    """
+    seen = np.isfinite(measured).all(axis=2)
+    found = [
+        _alternate(flange, measured, seen, start, base, tool) for start in (*starts, *_starts(nominal, base, tool))
+    ]
+    found.sort(key=lambda r: r.rms)
+    distinct: list[Registration] = []
+    for candidate in found:
+        if all(candidate.rms > 1.02 * other.rms for other in distinct):
+            distinct.append(candidate)
+        if len(distinct) == 3:
+            break
+    return distinct
+
+
+def _starts(nominal: Registration, base: bool, tool: str | None) -> Iterator[Registration]:
+    yield nominal
+    if not base or tool is None:
+        return
+    if tool == "frame":
+        for axes, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+            rotation = np.eye(3)[list(axes)] * np.array(signs)[:, None]
+            if np.linalg.det(rotation) > 0:
+                yield Registration(
+                    nominal.base, nominal.tool @ spatial.transform(rotation, np.zeros(3)), nominal.points, np.inf
+                )
+    else:
+        for axis, distance in product(range(3), (-400.0, -100.0, 100.0, 400.0)):
+            shift = distance * np.eye(3)[axis]
+            yield Registration(nominal.base, nominal.tool, nominal.points + shift, np.inf)
+
+
+def _alternate(
+    flange: Array, measured: Array, seen: NDArray[np.bool_], start: Registration, base: bool, tool: str | None
+) -> Registration:
+    b, x, points = start.base, start.tool, start.points
+    pose, point = np.nonzero(seen)
+    world = measured[pose, point]
+    r_flange, p_flange = flange[pose, :3, :3], flange[pose, :3, 3]
+
+    def in_base() -> Array:
+        on_flange = points @ x[:3, :3].T + x[:3, 3]
+        return np.asarray(p_flange + np.einsum("nij,nj->ni", r_flange, on_flange[point]))
+
+    for _ in range(_ALTERNATIONS if base and tool else 1):
+        if base:
+            b = rigid_fit(in_base(), world)
+        if tool:
+            local = (world - b[:3, 3]) @ b[:3, :3] - p_flange
+            on_flange = np.einsum("nji,nj->ni", r_flange, local)
+            if tool == "frame":
+                x = rigid_fit(points[point], on_flange)
+            elif tool == "position":
+                shift = (on_flange - points[point] @ x[:3, :3].T).mean(axis=0)
+                x = spatial.transform(x[:3, :3], shift)
+            else:
+                in_tool = (on_flange - x[:3, 3]) @ x[:3, :3]
+                points = np.array([in_tool[point == k].mean(axis=0) for k in range(len(points))])
+    left = in_base() @ b[:3, :3].T + b[:3, 3] - world
+    return Registration(b, x, points, float(np.sqrt(np.mean(np.sum(left**2, axis=1)))))

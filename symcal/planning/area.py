@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from symcal.errors import InputError
+from symcal.errors import InputError, RefusedError
 from symcal.robot import Robot
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Feasible = Callable[[Array], Mask]
+"""(N, dof) -> (N,): which poses can be measured; what the joint box alone does not say (visibility, keep-outs)."""
+
+_TRIES = 400  # drawn poses per wanted one before a feasible set counts as empty
+_SMALLEST_TRY = 4096
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +61,7 @@ class WorkingArea:
     def clip(self, poses: Array) -> Array:
         return np.clip(poses, self.lower, self.upper)
 
-    def contains(self, poses: Array) -> NDArray[np.bool_]:
+    def contains(self, poses: Array) -> Mask:
         """Which poses lie in the box, up to rounding, shape (N,)."""
         slack = 1e-9 * (1.0 + np.maximum(np.abs(self.lower), np.abs(self.upper)))
         return np.asarray(np.all((poses >= self.lower - slack) & (poses <= self.upper + slack), axis=-1))
@@ -106,3 +112,29 @@ def _range(robot: Robot, i: int, given: tuple[float, float] | None, margin: floa
         message = f"a range must be [lower, upper] within [{low:.6g}, {high:.6g}] (rad or mm)"
         raise InputError(message, key=joint.name, found=list(given))
     return max(given[0], low), min(given[1], high)
+
+
+def draw(
+    area: WorkingArea, rng: np.random.Generator, count: int, feasible: Feasible | None = None, *, share: float = 0.0
+) -> Array:
+    """Feasible poses of the working area, shape (count, dof), by rejection.
+
+    Args:
+        share: of the coordinates that are snapped to joint limits; 0 for poses uniform in joint space.
+    Raises:
+        RefusedError: hardly any pose of the working area is feasible.
+    """
+    kept: list[Array] = []
+    found = tried = 0
+    while found < count:
+        if tried >= max(_TRIES * count, 8 * _SMALLEST_TRY):
+            message = f"only {found} of {tried} poses drawn in the working area are feasible, and {count} are needed"
+            raise RefusedError(f"{message}: loosen the constraints or move the instrument")
+        batch = max(count - found, _SMALLEST_TRY) if feasible else count
+        poses = area.snapped(rng, batch, share) if share else area.sample(rng, batch)
+        if feasible is not None:
+            poses = poses[feasible(poses)]
+        kept.append(poses)
+        found += len(poses)
+        tried += batch
+    return np.concatenate(kept)[:count]

@@ -3,9 +3,9 @@ r"""What one pose tells about the parameters: whitened, scaled rows on the ident
     F(q) = Sigma^-1/2 J(q) S V_1,        I(q) = F^T F,        M = P + sum_i I(q_i)
 
 J is taken at nominal; Sigma is the stated noise, S the plausible size of each parameter's error, V_1 (p x n) an
-orthonormal basis of what the data can see, and P the (constant) information of priors. In these coordinates the covariance
-of the parameters is S V_1 M^-1 V_1^T S, whatever is measured: nuisance parameters such as base, tool or camera are simply
-parameters.
+orthonormal basis of what the data can see, and P the (constant) information of priors. In these coordinates the
+covariance of the parameters is S V_1 M^-1 V_1^T S, whatever is measured: nuisance parameters such as base, tool or
+camera are simply parameters.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
 from symcal.identifiability import Identifiability, analyse
-from symcal.kernels import BatchFunction, batch_function
 from symcal.measurements import Measurement, Setup
-from symcal.planning.area import WorkingArea, working_area
+from symcal.planning.area import Feasible, WorkingArea, working_area
+from symcal.planning.rows import SubspaceRows, subspace_rows
 
 Array = NDArray[np.float64]
 
@@ -33,9 +33,8 @@ class PoseInformation:
     """The information of a pose as a function of its joint readings; made by `pose_information`.
 
     names: the p free parameters. scales: their plausible errors, shape (p,). sigmas: the noise by group.
-    basis: V_1, shape (p, n), orthonormal in scaled coordinates. seen: the rank analysis behind it.
-    prior: P, shape (n, n): information that is there before any pose is measured; zero without priors.
-    expression: q -> Sigma^-1/2 J S, shape (m, p), a function of SX (not yet on the subspace).
+    seen: the rank analysis behind the subspace. prior: P, shape (n, n): information that is there before any pose is
+    measured; zero without priors. function: q -> Sigma^-1/2 J S, shape (m, p), and its rows on the subspace.
     """
 
     measurement: Measurement
@@ -45,11 +44,13 @@ class PoseInformation:
     names: tuple[str, ...]
     scales: Array
     seen: Identifiability
-    basis: Array
     prior: Array
-    expression: ca.Function
-    _rows: BatchFunction
-    _pullback: BatchFunction
+    function: SubspaceRows
+
+    @property
+    def basis(self) -> Array:
+        """V_1, shape (p, n), orthonormal in scaled coordinates."""
+        return self.function.basis
 
     @property
     def rank(self) -> int:
@@ -63,7 +64,7 @@ class PoseInformation:
 
     def rows(self, poses: Array) -> Array:
         """F at each pose, shape (N, m, n); poses (N, dof) in rad or mm."""
-        return np.asarray(self._rows(poses)[0] @ self.basis)
+        return self.function.rows(poses)
 
     def matrices(self, poses: Array) -> Array:
         """I = F^T F at each pose, shape (N, n, n)."""
@@ -74,17 +75,6 @@ class PoseInformation:
         """M of a plan, shape (n, n): priors and the sum over its poses."""
         stacked = self.rows(poses).reshape(-1, self.rank)
         return np.asarray(self.prior + stacked.T @ stacked)
-
-    def weighted(self, poses: Array, weight: Array) -> Array:
-        """tr(I(q) W) at each pose, shape (N,), for a symmetric W, shape (n, n)."""
-        rows = self.rows(poses)
-        return np.einsum("kmi,kmi->k", rows @ weight, rows)
-
-    def weighted_gradient(self, poses: Array, weight: Array) -> tuple[Array, Array]:
-        """tr(I(q) W), shape (N,), and its exact derivative by the joint readings, shape (N, dof)."""
-        jacobian = self._rows(poses)[0]
-        lifted = 2.0 * (jacobian @ (self.basis @ weight @ self.basis.T))
-        return 0.5 * np.einsum("kmp,kmp->k", lifted, jacobian), self._pullback(poses, lifted)[0]
 
     def lift(self, matrix: Array) -> Array:
         """A covariance in the coordinates of the subspace as one of the free parameters (mm, rad), shape (p, p)."""
@@ -99,21 +89,23 @@ def pose_information(
     free: tuple[str, ...] | None = None,
     *,
     area: WorkingArea | None = None,
+    feasible: Feasible | None = None,
     poses: int = 40,
     prior_rows: Array | None = None,
 ) -> PoseInformation:
     """Information per pose at the nominal parameters.
 
     The identifiable subspace is decided for a plan of ``poses`` poses spread evenly over the working area, by the
-    definition of `symcal.identifiability`: singular values of Sigma^-1/2 J S above 1. Priors of the parameter set count as
-    data.
+    definition of `symcal.identifiability`: singular values of Sigma^-1/2 J S above 1. Priors of the parameter set count
+    as data.
 
     Args:
         sigmas: noise by group of the measurement: mm, rad or px. free: names of the free parameters; all when None.
-        area: where poses may lie; the robot's joint limits when None.
+        area: where poses may lie; the robot's joint limits when None. feasible: which of them can be measured; only
+            these count for the rank.
         prior_rows: further rows of constant information by the free parameters (whitened, per mm and rad), (k, p).
     Raises:
-        RefusedError: the measurement determines nothing at this noise.
+        RefusedError: the measurement determines nothing at this noise, or no pose is feasible.
     """
     robot, parameters = measurement.chain.robot, measurement.parameters
     area = working_area(robot) if area is None else area
@@ -124,13 +116,9 @@ def pose_information(
     q = ca.SX.sym("q", robot.dof)
     at_nominal = measurement.jacobian(q, np.zeros(len(parameters)), setup.vector)
     scaled = ca.diag(whitening) @ at_nominal[:, index.tolist()] @ ca.diag(scales)
-    expression = ca.Function("rows", [q], [ca.cse(ca.densify(ca.simplify(scaled)))], ["q"], ["J"])
-    adjoint = ca.SX.sym("adjoint", *scaled.shape)
-    slope = ca.densify(ca.gradient(ca.sum1(ca.sum2(scaled * adjoint)), q))
-    pullback = ca.Function("pullback", [q, adjoint], [ca.cse(slope)], ["q", "adjoint"], ["g"])
-    batch = batch_function(expression)
+    whole = subspace_rows("rows", q, scaled, np.eye(len(names)))
 
-    sampled = batch(area.even(RANK_POSES))[0]
+    sampled = whole.full(_typical(area, feasible))
     sampled = sampled[np.isfinite(sampled).all(axis=(1, 2))].reshape(-1, len(names))
     prior = _priors(measurement, names, prior_rows) * scales
     # as much information as ``poses`` average ones have
@@ -151,12 +139,23 @@ def pose_information(
         names=tuple(names),
         scales=scales,
         seen=seen,
-        basis=seen.seen,
         prior=reduced.T @ reduced,
-        expression=expression,
-        _rows=batch,
-        _pullback=batch_function(pullback),
+        function=whole.on(seen.seen),
     )
+
+
+def _typical(area: WorkingArea, feasible: Feasible | None) -> Array:
+    """Evenly spread feasible poses, about `RANK_POSES` of them where so many are to be had."""
+    poses = area.even(RANK_POSES)
+    if feasible is None:
+        return poses
+    visible = poses[feasible(poses)]
+    if len(visible) < RANK_POSES // 2:
+        poses = area.even(50 * RANK_POSES)
+        visible = poses[feasible(poses)][:RANK_POSES]
+    if len(visible) == 0:
+        raise RefusedError(f"none of {len(poses)} poses spread over the working area is feasible")
+    return visible
 
 
 def _priors(measurement: Measurement, names: tuple[str, ...], extra: Array | None) -> Array:

@@ -128,10 +128,15 @@ def fit(rows: Rows, free: tuple[str, ...], options: Options, reference: Array | 
     weights = rows.seen.astype(float)
     _check_redundancy(rows, jacobian, free, bool(estimated))
     x, path = reference, [reference]
+    ranks: list[int] = []
+    most: int | None = None
     for _ in range(_NOISE_ROUNDS):
         spread = _spread(rows, known, sigmas, weights)
-        x, solution, seen, steps = _solve(rows, free, options, reference, x, spread)
+        x, solution, seen, steps = _solve(rows, free, options, reference, x, spread, most)
         path += steps
+        ranks.append(seen.rank - seen.released)
+        if len(ranks) > 2 and ranks[-1] == ranks[-3] != ranks[-2]:
+            most = min(ranks[-2:])  # a direction on the threshold comes and goes with the noise estimate: leave it out
         residual, jacobian = rows(x)
         dof = int(rows.seen.sum()) + _prior_count(rows, free) - seen.rank
         previous, before = sigmas, weights
@@ -162,7 +167,13 @@ def fit(rows: Rows, free: tuple[str, ...], options: Options, reference: Array | 
 
 
 def _solve(
-    rows: Rows, free: tuple[str, ...], options: Options, reference: Array, start: Array, spread: Array
+    rows: Rows,
+    free: tuple[str, ...],
+    options: Options,
+    reference: Array,
+    start: Array,
+    spread: Array,
+    most: int | None,
 ) -> tuple[Array, Solution, Identifiability, list[Array]]:
     """Minimise over the identifiable subspace, which is found anew at each estimate until it no longer moves."""
     parameters = rows.measurement.parameters
@@ -181,6 +192,12 @@ def _solve(
             r_white = np.concatenate([r_white, (x[index] / prior)[has_prior]])
             j_white = np.vstack([j_white, np.diag(1 / prior)[has_prior]])
         return r_white, j_white
+
+    def subspace(x: Array) -> Identifiability:
+        r, jacobian = whitened(x)
+        every = np.zeros((len(r), len(parameters)))
+        every[:, index] = jacobian
+        return analyse(every, parameters, free, implied=jacobian @ (x - reference)[index] - r, most=most)
 
     def symbolic(basis: Array, origin: Array) -> ca.Function:
         y = ca.MX.sym("y", basis.shape[1])
@@ -202,8 +219,8 @@ def _solve(
 
     x, rank, steps, last_cost = start, -1, [], np.inf
     for _ in range(_SUBSPACE_ROUNDS):
-        _, v, new_rank, _ = decompose(whitened(x)[1] * scales)
-        basis = scales[:, None] * v[:, :new_rank]
+        seen = subspace(x)
+        basis = scales[:, None] * seen.seen
         origin = reference[index]
 
         def at(y: Array, basis: Array = basis) -> Array:
@@ -215,23 +232,21 @@ def _solve(
             evaluate=lambda y, basis=basis, at=at: (  # type: ignore[misc]
                 lambda r, j: (r, j @ basis)
             )(*whitened(at(y))),
-            start=v[:, :new_rank].T @ ((x - reference)[index] / scales),
-            scales=np.ones(new_rank),
+            start=seen.seen.T @ ((x - reference)[index] / scales),
+            scales=np.ones(seen.rank),
             function=lambda basis=basis, origin=origin: symbolic(basis, origin),  # type: ignore[misc]
         )
         solution = SOLVERS[options.solver](problem, options.tolerances)
         moved = float(np.linalg.norm((at(solution.x) - x)[index] / scales))
         steps += [at(it.x) for it in solution.history[1:]]
         x = at(solution.x)
-        settled = new_rank == rank and (
+        settled = seen.rank == rank and (
             moved < 1e-6 or abs(last_cost - solution.cost) <= 1e-9 * (1e-12 + solution.cost)
         )
-        rank, last_cost = new_rank, solution.cost
+        rank, last_cost = seen.rank, solution.cost
         if settled:
             break
-    padded = np.zeros((whitened(x)[1].shape[0], len(parameters)))
-    padded[:, index] = whitened(x)[1]
-    return x, solution, analyse(padded, parameters, free), steps
+    return x, solution, subspace(x), steps
 
 
 # ------------------------------------------------------------------------------------------------------------------ noise
@@ -261,7 +276,7 @@ def _variance_components(
     index = rows.measurement.parameters.indices(seen.names)
     finite = np.where(np.isfinite(spread), spread, np.inf)
     white = jacobian[:, :, index] * seen.scales / finite[:, :, None]
-    u = white @ (seen.seen / seen.singular_values[: seen.rank])
+    u = white @ (seen.seen / seen.seen_values)
     leverage = np.sum(u**2, axis=2)
     out = {}
     for group in rows.measurement.groups:

@@ -19,6 +19,9 @@ Array = NDArray[np.float64]
 NUMERICAL = 1e-10
 """A singular value below this share of the largest counts as zero: rounding of a Jacobian is about 1e-13 of it."""
 
+RELEASE_SIGMAS = 4.0
+RELEASE_LIMIT = 20.0
+
 _NEGLIGIBLE = 0.03  # share of a direction below which a parameter is not named in words
 
 
@@ -39,7 +42,8 @@ class Identifiability:
     """Spectrum and subspaces of W = Sigma^-1/2 J S, in the scaled coordinates of the free parameters.
 
     names: the free parameters, n of them. singular_values: shape (n,), descending. rank: directions determined at the noise;
-    numerical_rank: directions that the noise-free Jacobian sees. seen (n, rank) and hidden (n, n - rank): orthonormal bases.
+    numerical_rank: directions that the noise-free Jacobian sees. seen (n, rank) and hidden (n, n - rank): orthonormal bases;
+    seen_values: singular values of the seen ones, shape (rank,). released: how many of them are seen only because the data contradict nominal there.
     """
 
     names: tuple[str, ...]
@@ -49,12 +53,14 @@ class Identifiability:
     rank: int
     numerical_rank: int
     seen: Array
+    seen_values: Array
     hidden: Array
+    released: int = 0
 
     @property
     def condition_number(self) -> float:
         """Largest over smallest singular value of the identifiable subspace."""
-        return float(self.singular_values[0] / self.singular_values[self.rank - 1]) if self.rank else float("inf")
+        return float(self.seen_values[0] / self.seen_values[-1]) if self.rank else float("inf")
 
     def unseen(self) -> tuple[Direction, ...]:
         """A sparse basis of the hidden subspace, each vector with its sentence (some tenths of a second for forty parameters)."""
@@ -83,29 +89,54 @@ def analyse(
     free: tuple[str, ...] | None = None,
     *,
     noise_known: bool = True,
+    implied: Array | None = None,
+    most: int | None = None,
 ) -> Identifiability:
     """Identifiability of the free parameters from stacked whitened rows.
 
     Args:
         jacobian: Sigma^-1/2 J by all parameters, shape (m, n); rows of priors included if there are any. free: names; all when None.
         noise_known: False when the rows are not whitened: the numerical rank decides.
+        implied: W y - r, shape (m,), for the release of directions whose nominal value the data refute (see `released_directions`).
+        most: take no more directions than this by the threshold.
     """
     names = parameters.names if free is None else free
     index = parameters.indices(names)
     scales = parameters.scales[index]
-    values, v, rank, numerical = decompose(jacobian[:, index] * scales, 1.0 if noise_known else None)
-    hidden = v[:, rank:]
-    units = tuple(parameters.units[i] for i in index)
+    scaled = jacobian[:, index] * scales
+    values, v, rank, numerical = decompose(scaled, 1.0 if noise_known else None)
+    rank = rank if most is None else min(rank, most)
+    released = released_directions(scaled, values, v, rank, numerical, implied)
+    keep = np.concatenate([np.arange(rank), released])
     return Identifiability(
         names=names,
+        units=tuple(parameters.units[i] for i in index),
         scales=scales,
         singular_values=values,
-        rank=rank,
+        rank=len(keep),
         numerical_rank=numerical,
-        seen=v[:, :rank],
-        hidden=hidden,
-        units=units,
+        seen=v[:, keep],
+        seen_values=values[keep],
+        hidden=np.delete(v, keep, axis=1),
+        released=len(released),
     )
+
+
+def released_directions(
+    scaled: Array, values: Array, v: Array, rank: int, numerical: int, implied: Array | None
+) -> NDArray[np.intp]:
+    """Directions below the threshold whose nominal value the data refute.
+
+    Along singular direction k the data imply y_k = u_k^T (W y - r) / s_k with standard deviation 1 / s_k. Where that is more than
+    RELEASE_SIGMAS from nominal, the plausible scale was stated too small and holding the direction would bias all others; it is released unless the
+    value itself is absurd (above RELEASE_LIMIT scales: then it is the model that is wrong). Ours.
+    """
+    if implied is None:
+        return np.zeros(0, dtype=np.intp)
+    below = np.arange(rank, numerical)
+    score = (scaled @ v[:, below]).T @ implied / values[below]
+    wanted = (np.abs(score) > RELEASE_SIGMAS) & (np.abs(score) < RELEASE_LIMIT * values[below])
+    return below[wanted]
 
 
 def _directions(hidden: Array, names: tuple[str, ...], scales: Array, units: tuple[str, ...]) -> tuple[Direction, ...]:

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 def covariance(seen: Identifiability) -> Array:
     """Covariance of the free parameters on the identifiable subspace, shape (n, n), in mm and rad."""
-    root = seen.scales[:, None] * seen.seen / seen.singular_values[: seen.rank]
+    root = seen.scales[:, None] * seen.seen / seen.seen_values
     return root @ root.T
 
 
@@ -49,7 +49,8 @@ def predicted_rms(jacobian: Array, cov: Array) -> Array:
     Args:
         jacobian: dh/dx of what is asked about, shape (N, k, n), mm (or rad) per unit. cov: shape (n, n).
     """
-    return np.sqrt(np.maximum(np.einsum("pki,ij,pkj->p", jacobian, cov, jacobian, optimize=True), 0.0))
+    variance = np.einsum("pki,ij,pkj->p", jacobian, cov, jacobian, optimize=True)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
 def sigma_interval(sigma: float, dof: int, confidence: float = 0.95) -> tuple[float, float]:

@@ -48,6 +48,11 @@ class Joint:
     offset: float = 0.0
     speed: float | None = None
 
+    def __post_init__(self) -> None:
+        if not self.lower < self.upper or math.isfinite(self.lower) != math.isfinite(self.upper):
+            message = "limits are two finite numbers, lower < upper, or both infinite"
+            raise InputError(message, key=self.name, found=[self.lower, self.upper])
+
     @property
     def revolute(self) -> bool:
         return self.kind == "revolute"

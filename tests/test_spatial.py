@@ -1,0 +1,176 @@
+"""Rotations and transforms against SciPy, and their derivatives at the points where formulas break."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
+
+from symcal import spatial
+
+axes = st.sampled_from([np.eye(3)[0], np.eye(3)[1], -np.eye(3)[2], np.array([1.0, -2.0, 3.0]) / np.sqrt(14)])
+directions = axes | st.integers(0, 2**32 - 1).map(lambda seed: unit(np.random.default_rng(seed).normal(size=3)))
+angles = st.sampled_from([0.0, 1e-12, 1e-8, 9.9e-5, 1e-4, 1.1e-4, 1e-3, np.pi / 2, np.pi - 1e-9, np.pi]) | st.floats(
+    0, np.pi
+)
+vectors = st.builds(lambda axis, angle: angle * axis, directions, angles)
+quaternions = st.integers(0, 2**32 - 1).map(lambda seed: np.random.default_rng(seed).normal(size=4))
+
+
+def unit(v: np.ndarray) -> np.ndarray:
+    return v / np.linalg.norm(v)
+
+
+def compiled(f, rows: int, columns: int = 1) -> ca.Function:
+    """The expression and its AD Jacobian as one function."""
+    symbol = ca.SX.sym("s", rows, columns)
+    value = f(symbol)
+    return ca.Function("f", [symbol], [value, ca.jacobian(ca.vec(ca.densify(value)), ca.vec(symbol))])
+
+
+EXP = compiled(spatial.exp_rotation, 3)
+LOG = compiled(spatial.log_rotation, 3, 3)
+ROUND_TRIP = compiled(lambda r: spatial.log_rotation(spatial.exp_rotation(r)), 3)
+QUATERNION = compiled(spatial.quaternion_matrix, 4)
+LEFT = compiled(spatial.left_jacobian, 3)
+RIGHT_INVERSE = compiled(spatial.right_jacobian_inverse, 3)
+
+
+def dense(function: ca.Function, *arguments: np.ndarray) -> tuple[np.ndarray, ...]:
+    return tuple(np.array(value) for value in function.call([ca.DM(a) for a in arguments]))
+
+
+@given(st.integers(0, 2), st.floats(-10, 10))
+def test_elementary_rotation(axis, angle):
+    value = np.array(ca.DM(spatial.rotation(axis, angle)))
+    np.testing.assert_allclose(value, Rotation.from_euler("xyz"[axis], angle).as_matrix(), atol=1e-15)
+
+
+def test_skew_is_the_cross_product(rng):
+    v, w = rng.normal(size=(2, 3))
+    np.testing.assert_allclose(np.array(ca.DM(spatial.skew(ca.SX(v)))) @ w, np.cross(v, w), atol=1e-15)
+
+
+@given(vectors)
+def test_exponential(r):
+    value, _ = dense(EXP, r)
+    np.testing.assert_allclose(value, Rotation.from_rotvec(r).as_matrix(), atol=4e-16)
+
+
+@given(vectors)
+def test_derivative_of_the_exponential(r):
+    # the Frechet derivative of the matrix exponential: expm of the block matrix [[K, dK], [0, K]] has it in a corner
+    _, jacobian = dense(EXP, r)
+    k = np.cross(np.eye(3), r)
+    for i, e in enumerate(np.eye(3)):
+        direction = np.cross(np.eye(3), e)
+        frechet = expm(np.block([[k, direction], [np.zeros((3, 3)), k]]))[:3, 3:]
+        np.testing.assert_allclose(jacobian[:, i].reshape(3, 3, order="F"), frechet, atol=1e-11)
+
+
+@given(vectors)
+def test_left_jacobian_is_the_derivative_of_the_exponential(r):
+    rotation, derivative = dense(EXP, r)
+    left, _ = dense(LEFT, r)
+    for i in range(3):
+        spin = derivative[:, i].reshape(3, 3, order="F") @ rotation.T
+        np.testing.assert_allclose([spin[2, 1], spin[0, 2], spin[1, 0]], left[:, i], atol=1e-11)
+
+
+@given(vectors)
+def test_right_jacobian_inverse(r):
+    # J_r(r) = J_l(-r)
+    inverse, _ = dense(RIGHT_INVERSE, r)
+    left, _ = dense(LEFT, -r)
+    np.testing.assert_allclose(inverse @ left, np.eye(3), atol=1e-12)
+
+
+@given(vectors)
+def test_logarithm(r):
+    matrix = Rotation.from_rotvec(r).as_matrix()
+    value = dense(LOG, matrix)[0].ravel()
+    assert np.linalg.norm(value) <= np.pi + 1e-12
+    # at half a turn either sign of the axis is right, so the rotations are compared, and the vectors away from it
+    np.testing.assert_allclose(Rotation.from_rotvec(value).as_matrix(), matrix, atol=4e-15)
+    if np.linalg.norm(r) < 3.1:
+        np.testing.assert_allclose(value, r, atol=2e-14)
+
+
+@given(vectors)
+def test_logarithm_undoes_the_exponential_with_the_identity_as_derivative(r):
+    if np.linalg.norm(r) < np.pi - 1e-6:
+        value, jacobian = dense(ROUND_TRIP, r)
+        np.testing.assert_allclose(value.ravel(), r, atol=2e-14)
+        np.testing.assert_allclose(jacobian, np.eye(3), atol=1e-7)
+
+
+@pytest.mark.parametrize("function", [EXP, ROUND_TRIP, LEFT, RIGHT_INVERSE], ids=["exp", "log exp", "left", "right"])
+@pytest.mark.parametrize("angle", [0.0, 1e-300, 1e-160, 1e-12, 9.999e-5, 1.0001e-4, np.pi])
+@pytest.mark.parametrize("axis", [*np.eye(3), -np.eye(3)[1], unit(np.array([1.0, 1.0, 0.0])), np.ones(3) / np.sqrt(3)])
+def test_finite_at_the_singular_points_themselves(function, angle, axis):
+    assert all(np.isfinite(value).all() for value in dense(function, angle * axis))
+
+
+def test_exact_derivatives_at_zero():
+    zero = np.zeros(3)
+    np.testing.assert_array_equal(dense(ROUND_TRIP, zero)[1], np.eye(3))
+    np.testing.assert_array_equal(dense(LEFT, zero)[0], np.eye(3))
+    np.testing.assert_array_equal(dense(RIGHT_INVERSE, zero)[0], np.eye(3))
+
+
+def test_second_derivative_at_zero_is_finite():
+    # a Hessian of a squared rotation residual, as an exact-Newton solver asks for it at the first iterate
+    r = ca.SX.sym("r", 3)
+    log = spatial.log_rotation(spatial.exp_rotation(r))
+    hessian = ca.Function("h", [r], [ca.hessian(ca.dot(log, log), r)[0]])
+    np.testing.assert_allclose(np.array(hessian(np.zeros(3))), 2 * np.eye(3), atol=1e-12)
+
+
+@given(quaternions)
+def test_quaternion_of_any_length_and_sign(q):
+    expected = Rotation.from_quat(q).as_matrix()
+    np.testing.assert_allclose(dense(QUATERNION, q)[0], expected, atol=1e-15)
+    np.testing.assert_allclose(dense(QUATERNION, -q)[0], expected, atol=1e-15)
+    np.testing.assert_allclose(dense(QUATERNION, 7 * q)[0], expected, atol=1e-15)
+
+
+@given(st.lists(st.floats(-7, 7), min_size=3, max_size=3))
+def test_roll_pitch_yaw_is_urdf_s(rpy):
+    roll, pitch, yaw = rpy
+    expected = (
+        Rotation.from_rotvec([0, 0, yaw]) * Rotation.from_rotvec([0, pitch, 0]) * Rotation.from_rotvec([roll, 0, 0])
+    )
+    matrix = spatial.rpy_matrix(np.array(rpy))
+    np.testing.assert_allclose(matrix, expected.as_matrix(), atol=1e-15)
+    np.testing.assert_allclose(spatial.rpy_matrix(spatial.matrix_rpy(matrix)), matrix, atol=1e-7)
+
+
+@pytest.mark.parametrize("pitch", [np.pi / 2, -np.pi / 2])
+def test_gimbal_lock_is_silent_and_keeps_the_rotation(pitch):
+    matrix = spatial.rpy_matrix(np.array([0.3, pitch, 1.1]))
+    rpy = spatial.matrix_rpy(matrix)
+    assert rpy[2] == 0.0
+    np.testing.assert_allclose(spatial.rpy_matrix(rpy), matrix, atol=1e-9)
+
+
+@pytest.mark.parametrize("shape", [(), (5,), (2, 3)])
+def test_poses_round_trip_and_invert(rng, shape):
+    pose = rng.normal(scale=300, size=(*shape, 7))
+    pose[..., 3:] /= np.linalg.norm(pose[..., 3:], axis=-1, keepdims=True)
+    matrix = spatial.pose_matrix(pose)
+    again = spatial.matrix_pose(matrix)
+    assert again.shape == pose.shape
+    assert (again[..., 6] >= 0).all()
+    np.testing.assert_allclose(again, pose * np.where(pose[..., 6:] < 0, [1, 1, 1, -1, -1, -1, -1], 1), atol=1e-13)
+    inverse = spatial.inverse(matrix)
+    np.testing.assert_allclose(inverse, np.linalg.inv(matrix), atol=1e-12)
+    np.testing.assert_allclose(inverse @ matrix, np.broadcast_to(np.eye(4), matrix.shape), atol=1e-12)
+
+
+def test_transform_composes_rotation_and_translation():
+    matrix = spatial.transform(spatial.rpy_matrix(np.array([0, 0, np.pi / 2])), np.array([1.0, 2.0, 3.0]))
+    np.testing.assert_allclose(matrix @ [10, 0, 0, 1], [1, 12, 3, 1], atol=1e-14)

@@ -36,6 +36,8 @@ _Run = Callable[[int, list[Array], list[Array]], None]
 WORTH_COMPILING = 50_000
 # More instructions than this would keep GCC busy for over a second at -O2; -O1 needs half of it, its code 15 % more.
 _LONG = 3000
+# And more than this for many seconds.
+_TOO_LONG = 20_000
 
 
 @dataclass(frozen=True)
@@ -123,13 +125,22 @@ def batch_function(
     if chosen == "c" and find_compiler() is None:
         logger.info("no C compiler: '%s' runs in CasADi's virtual machine", function.name())
     elif chosen == "c":
-        try:
-            program = read_program(dense)
-        except RefusedError as error:
-            logger.info("%s; it runs in CasADi's virtual machine", error)
+        program = _worth_compiling(dense)
     inputs = tuple(Port(name, *dense.size_in(i)) for i, name in enumerate(dense.name_in()))
     outputs = tuple(Port(name, *dense.size_out(i)) for i, name in enumerate(dense.name_out()))
     return BatchFunction(dense, program, inputs, outputs)
+
+
+def _worth_compiling(dense: ca.Function) -> Program | None:
+    try:
+        program = read_program(dense)
+    except RefusedError as error:
+        logger.info("%s; it runs in CasADi's virtual machine", error)
+        return None
+    if len(program.instructions) > _TOO_LONG:
+        logger.info("'%s' is too long to compile and runs in CasADi's virtual machine", program.name)
+        return None
+    return program
 
 
 def _shape(port: Port) -> tuple[int, ...]:

@@ -207,6 +207,13 @@ def test_what_has_no_c_form_runs_in_the_virtual_machine() -> None:
     np.testing.assert_allclose(root(np.ones(1), np.array([[2.0], [3.0]]))[0] ** 2, [[2], [3]], rtol=1e-12)
 
 
+def test_a_function_too_long_to_compile_runs_in_the_virtual_machine() -> None:
+    x = ca.SX.sym("x", 15_000)
+    f = batch_function(ca.Function("f", [x], [2 * x]), backend="c")
+    assert f.backend == "vm"
+    np.testing.assert_array_equal(f(np.ones((3, 15_000)))[0], np.full((3, 15_000), 2.0))
+
+
 def test_what_has_no_scalar_form_is_refused() -> None:
     m = ca.MX.sym("m", 2, 2)
     with pytest.raises(RefusedError, match="'inverse' cannot be expanded"):

@@ -93,20 +93,41 @@ class Model:
 
 
 @dataclass(frozen=True, slots=True)
-class Calibration:
-    """An identification: three fits of the same training data, and the robot that the last one makes.
+class State:
+    """A model with values for everything in it: what is needed to predict a measurement."""
 
-    before: nominal kinematics, base and tool fitted; offsets: joint zeros and frames; after: everything identifiable. All three refer
-    to ``setup``, the frames of ``before``, so that unseen directions stay at nominal kinematics with fitted frames.
+    model: Model
+    setup: Setup
+    x: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """An identification: fits of the same training data from poor to rich, and the robot that the last one makes.
+
+    setup: the estimated frames fitted with nominal kinematics; the fits refer to it, so that unseen directions stay there.
+    before: nominal kinematics with base and tool fitted, whether or not the task estimates them: the fair baseline. before_raw: nominal
+    kinematics with the frames as given, where all are given. offsets: joint zeros and frames; after: everything identifiable.
     """
 
     model: Model
     setup: Setup
-    before: Fit
+    before: State
+    before_raw: State | None
     offsets: Fit
     after: Fit
     robot: Robot
     notes: tuple[str, ...] = ()
+
+    @property
+    def states(self) -> dict[str, State]:
+        """What is compared, by the names of the results file."""
+        raw = {} if self.before_raw is None else {"before_raw": self.before_raw}
+        return raw | {
+            "before": self.before,
+            "offsets_only": State(self.model, self.setup, self.offsets.x),
+            "after": State(self.model, self.setup, self.after.x),
+        }
 
 
 def build_model(robot: Robot, task: Task) -> Model:
@@ -159,35 +180,49 @@ def identify(robot: Robot, data: Dataset, task: Task, options: Options | None = 
     Raises:
         InputError: names that the model does not have. RefusedError: too few poses, or data that the robot cannot have produced.
     """
-    return calibrate(build_model(robot, task), data, options or Options())
+    model = build_model(robot, task)
+    return calibrate(model, baseline_model(model), data, options or Options())
 
 
-def calibrate(model: Model, data: Dataset, options: Options) -> Calibration:
-    """`identify` with a model that was built before (cross-validation, many draws)."""
+def calibrate(model: Model, baseline: Model | None, data: Dataset, options: Options) -> Calibration:
+    """`identify` with models that were built before (cross-validation, many draws).
+
+    Args:
+        baseline: from `baseline_model`.
+    """
     train = data.part("train")
     if len(train) == 0:
         raise RefusedError("no pose is marked for training")
-    setup, before = _place(model, train, options)
+    setup = _place(model, train, options)
     rows = rows_of(model.measurement, train, setup, model.residual)
-    zero = np.zeros(len(model.parameters))
-    if model.placement:
-        before = fit(rows, model.placement, options)
     offsets = fit(rows, (*model.offsets, *model.placement), options)
     after = fit(rows, (*model.kinematic, *model.placement), options)
-    del zero
-    notes = (*_plausibility(model, train, before, setup), *_quality(model, train, after))
-    return Calibration(model, setup, before, offsets, after, calibrated_robot(model, after), notes)
+    before = State(model, setup, np.zeros(len(model.parameters)))
+    raw = None if model.placement else before
+    if baseline is not None:
+        before = State(baseline, _place(baseline, train, options), np.zeros(len(baseline.parameters)))
+    notes = (*_plausibility(train, before), *_quality(model, train, after))
+    return Calibration(model, setup, before, raw, offsets, after, calibrated_robot(model, after), notes)
+
+
+def baseline_model(model: Model) -> Model | None:
+    """The model whose frames are all estimated, for the baseline; None if that is the model itself."""
+    tool: Part = "points" if "points" in model.task.estimate else "tool"
+    estimate = frozenset[Part](("base", tool))
+    if model.task.estimate == estimate:
+        return None
+    task = replace(model.task, estimate=estimate, fix=(), scales={}, priors={})
+    return build_model(model.robot, task)
 
 
 # ---------------------------------------------------------------------------------------------------------- registration
 
 
-def _place(model: Model, data: Dataset, options: Options) -> tuple[Setup, Fit]:
+def _place(model: Model, data: Dataset, options: Options) -> Setup:
     """The nominal frames fitted to the data: closed forms for a few first guesses, then least squares on the frames alone."""
     task = model.task
     if not model.placement:
-        rows = rows_of(model.measurement, data, model.setup, model.residual)
-        return model.setup, fit(rows, (), options)
+        return model.setup
     flange = _flange_in_base(model, data.q)
     tool_points, measured = model.setup.points, data.z
     starts: tuple[Registration, ...] = ()
@@ -209,7 +244,7 @@ def _place(model: Model, data: Dataset, options: Options) -> tuple[Setup, Fit]:
         fits.append(fit(rows_of(model.measurement, data, setup, model.residual), model.placement, options))
     best = min(fits, key=lambda f: _total(model, data, f))
     errors = model.parameters.mapping(best.x)
-    return best.setup.moved(errors, model.measurement.point_names), best
+    return best.setup.moved(errors, model.measurement.point_names)
 
 
 def _flange_in_base(model: Model, q: Array) -> Array:
@@ -227,9 +262,10 @@ def _total(model: Model, data: Dataset, candidate: Fit) -> float:
 # -------------------------------------------------------------------------------------------------------------- warnings
 
 
-def _plausibility(model: Model, data: Dataset, before: Fit, setup: Setup) -> tuple[str, ...]:
+def _plausibility(data: Dataset, before: State) -> tuple[str, ...]:
     """What the nominal robot with fitted frames says about units, joint order and signs."""
-    r, _ = rows_of(model.measurement, data, setup, model.residual)(before.x)
+    model = before.model
+    r, _ = rows_of(model.measurement, data, before.setup, model.residual)(before.x)
     position = r[:, list(model.measurement.groups[0].columns)].reshape(-1, 3)
     measured = (
         data.z[:, : position.size // len(data)].reshape(-1, 3) if model.task.kind == "position" else data.z[:, :3]

@@ -1,0 +1,169 @@
+r"""Task regions, and the tool error that a plan lets one expect there.
+
+    e(q)^2 = tr(A(q) M^-1 A(q)^T) / k,        A(q) = d(tool points)/dx S V_1        (mm)
+
+the expected square of the position error of the k tool points (the tool's origin if there are none), in world, from the
+measurement noise alone, linearised at nominal.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from symcal import kinematics, spatial
+from symcal.errors import InputError
+from symcal.kernels import BatchFunction, batch_function
+from symcal.kinematics import frame_vector
+from symcal.measurements.position import world_points
+from symcal.planning.area import Feasible, Mask, WorkingArea, draw
+from symcal.planning.information import PoseInformation
+from symcal.planning.rows import SubspaceRows, subspace_rows
+from symcal.robot import Robot
+from symcal.table import joint_readings, read_table
+
+Array = NDArray[np.float64]
+
+SAMPLE = 2000
+"""Poses from which means over a region are taken unless told otherwise; the standard error is some 1 % of the mean."""
+
+
+@dataclass(frozen=True, slots=True)
+class TaskRegion:
+    """Poses in which accuracy matters.
+
+    poses: a sample, shape (K, dof); means are taken over it. area, feasible: the set that was sampled, in which a
+    maximum may be looked for; area is None if the listed poses are all there is.
+    """
+
+    poses: Array
+    area: WorkingArea | None = None
+    feasible: Feasible | None = None
+
+
+def area_region(
+    area: WorkingArea, rng: np.random.Generator, *, feasible: Feasible | None = None, count: int = SAMPLE
+) -> TaskRegion:
+    """The feasible poses of a working area, uniform in joint space."""
+    return TaskRegion(draw(area, rng, count, feasible), area, feasible)
+
+
+def box_region(
+    info: PoseInformation,
+    lower: Array,
+    upper: Array,
+    rng: np.random.Generator,
+    *,
+    feasible: Feasible | None = None,
+    count: int = SAMPLE,
+) -> TaskRegion:
+    """Poses of the working area whose tool points all lie in a box, uniform in joint space.
+
+    Args:
+        lower, upper: corners of the box in world, shape (3,), mm.
+    Raises:
+        RefusedError: the box is (almost) out of reach.
+    """
+    points = tool_points(info)
+
+    def inside(poses: Array) -> Mask:
+        at = points(poses)[0].reshape(len(poses), -1, 3)
+        mask = np.asarray(((at >= lower) & (at <= upper)).all(axis=(1, 2)))
+        return mask if feasible is None else mask & feasible(poses)
+
+    return TaskRegion(draw(info.area, rng, count, inside), info.area, inside)
+
+
+def csv_region(path: Path | str, robot: Robot) -> TaskRegion:
+    """The poses of a CSV file with a column per joint (`q1_deg`, ..., or the joints' names).
+
+    Raises:
+        InputError: the file cannot be read, or has no rows.
+    """
+    table = read_table(path)
+    poses = joint_readings(table, [(joint.name, joint.revolute) for joint in robot.joints])
+    if len(poses) == 0:
+        raise InputError("the file lists no poses", file=path)
+    return TaskRegion(poses)
+
+
+@dataclass(frozen=True, slots=True)
+class Accuracy:
+    """Predicted position error over a task region, as a function of a plan's information; made by `region_accuracy`.
+
+    function: q -> A / sqrt(k), shape (3 k, n), mm. mean: average of A^T A / k over the region, shape (n, n).
+    hidden_mm: rms position error over the region that directions unseen by the measurement would make at their
+    plausible size; it comes on top of every prediction, and is zero when what is unseen does not matter there.
+    aligned: the error is what is left after one rigid alignment of the region.
+    """
+
+    region: TaskRegion
+    function: SubspaceRows
+    mean: Array
+    hidden_mm: float
+    aligned: bool
+
+    def at(self, poses: Array, total: Array) -> Array:
+        """Predicted rms error at each pose for a plan of information M, shape (N,), mm."""
+        return np.sqrt(
+            np.maximum(self.function.weighted(poses, np.asarray(np.linalg.inv(total), dtype=np.float64)), 0.0)
+        )
+
+    def mean_rms(self, total: Array) -> float:
+        """Root of the mean square error over the region, mm."""
+        return float(np.sqrt(np.sum(self.mean * np.linalg.inv(total))))
+
+
+def region_accuracy(info: PoseInformation, region: TaskRegion, *, aligned: bool = False) -> Accuracy:
+    """Predicted error over a region.
+
+    Args:
+        aligned: take out the rigid motion of the whole region that fits the error best, as one must where the
+            measurement cannot tell where the world is (an unknown camera pose).
+    """
+    chain, index = info.measurement.chain, info.measurement.parameters.indices(info.names)
+    points, jacobians = _points(info)
+    k = len(points)
+    jacobian = ca.vertcat(*jacobians)[:, index.tolist()] @ ca.diag(info.scales) / np.sqrt(k)
+    if aligned:
+        # a rigid motion moves the points by [1, -[p]x]; turns are counted per reach of the arm to balance the columns
+        length = max(chain.robot.reach, 1.0)
+        motion = ca.vertcat(*(ca.horzcat(ca.SX.eye(3), -spatial.skew(p) / length) for p in points)) / np.sqrt(k)
+        j, m = batch_function(_at_nominal(info, "motion", [jacobian, motion]))(region.poses)
+        fit = np.linalg.lstsq(m.reshape(-1, 6), j.reshape(-1, len(index)), rcond=None)[0]
+        jacobian = jacobian - motion @ fit
+    q = chain.q
+    at_nominal = _at_nominal(info, "accuracy", [jacobian])(q)
+    whole = subspace_rows("accuracy", q, at_nominal, np.eye(len(index)))
+    function, hidden = whole.on(info.basis), whole.on(info.seen.hidden)
+    rows = function.rows(region.poses)
+    rows = rows.reshape(-1, info.rank) / np.sqrt(len(region.poses))
+    unseen = hidden.weighted(region.poses, np.eye(info.seen.hidden.shape[1]))
+    return Accuracy(region, function, rows.T @ rows, float(np.sqrt(max(unseen.mean(), 0.0))), aligned)
+
+
+def tool_points(info: PoseInformation) -> BatchFunction:
+    """q -> tool points in world at nominal, shape (3 k,), mm."""
+    points, _ = _points(info)
+    return batch_function(_at_nominal(info, "points", [ca.vertcat(*points)]))
+
+
+def _at_nominal(info: PoseInformation, name: str, expressions: list[ca.SX]) -> ca.Function:
+    """Expressions of the chain as a function of the joint readings alone."""
+    chain = info.measurement.chain
+    whole = ca.Function(name, [chain.q, chain.x, chain.frames], [ca.densify(e) for e in expressions])
+    values = whole.call([chain.q, ca.SX.zeros(chain.x.numel()), ca.SX(frame_vector(info.setup.base, info.setup.tool))])
+    return ca.Function(name, [chain.q], ca.cse([ca.densify(ca.simplify(value)) for value in values]))
+
+
+def _points(info: PoseInformation) -> tuple[list[ca.SX], list[ca.SX]]:
+    """Tool points in world, or the tool's origin, shape (3,) each, and their Jacobians by all parameters."""
+    chain, names = info.measurement.chain, info.measurement.point_names
+    if names:
+        return world_points(chain, [ca.SX(point) for point in info.setup.points], names)
+    origin = chain.tool[:3, 3]
+    return [origin], [kinematics.stack(chain.parameter_screws, origin)]

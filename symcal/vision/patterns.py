@@ -1,12 +1,14 @@
 """Flat printed patterns as exact functions of the plane.
 
-A pattern maps coordinates x, y in mm (arrays of one shape) to 0 (black), 1 (white) or NaN (beside the plate).
+A pattern maps coordinates x, y in mm (arrays of one shape, float32 or float64) to 0 (black), 1 (white) or NaN (beside
+the plate).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,7 +18,7 @@ from scipy.spatial import ConvexHull
 from symcal.camera import Board, Target
 from symcal.vision.charuco import charuco_board, charuco_dictionary
 
-Float = NDArray[np.float64]
+Float = NDArray[np.floating[Any]]
 Pattern = Callable[[Float, Float], Float]
 
 
@@ -95,11 +97,16 @@ def target_plates(target: Target, black: bool, margin: float) -> list[Plate]:
 
 def _chessboard(board: Board) -> Pattern:
     def face(x: Float, y: Float) -> Float:
-        column, row = np.floor(x / board.square), np.floor(y / board.square)
+        column, row = _cell(x / board.square), _cell(y / board.square)
         inside = (column >= -1) & (column < board.columns) & (row >= -1) & (row < board.rows)
-        return np.where(inside & ((column + row) % 2 == 0), 0.0, 1.0)
+        return np.where(inside & ((column ^ row) & 1 == 0), 0.0, 1.0)
 
     return face
+
+
+def _cell(coordinate: Float) -> NDArray[np.int32]:
+    """Number of the unit cell of a coordinate; far off and NaN count as one far cell."""
+    return np.floor(np.clip(np.nan_to_num(coordinate, nan=1e6), -1e6, 1e6)).astype(np.int32)
 
 
 def _charuco(board: Board) -> Pattern:
@@ -115,12 +122,12 @@ def _charuco(board: Board) -> Pattern:
         grid[row, column] += 2  # a white square: its marker's bits, and white around them
 
     def face(x: Float, y: Float) -> Float:
-        column, row = np.floor(x / board.square).astype(int), np.floor(y / board.square).astype(int)
+        column, row = _cell(x / board.square), _cell(y / board.square)
         inside = (column >= 0) & (column < board.columns) & (row >= 0) & (row < board.rows)
         column, row = np.where(inside, column, 0), np.where(inside, row, 0)
         margin = (board.square - side) / 2
-        i = np.floor((x - column * board.square - margin) / side * bits).astype(int)
-        j = np.floor((y - row * board.square - margin) / side * bits).astype(int)
+        i = _cell((x - column * board.square - margin) / side * bits)
+        j = _cell((y - row * board.square - margin) / side * bits)
         on_marker = (i >= 0) & (i < bits) & (j >= 0) & (j < bits)
         value = grid[row, column, np.clip(j, 0, bits - 1), np.clip(i, 0, bits - 1)]
         value = np.where(value < 2, 0.0, np.where(on_marker, value - 2, 1.0))
@@ -134,14 +141,16 @@ def _circles(board: Board, radius: float | None) -> Pattern:
     size = radius if radius is not None else 0.3 * board.square * (np.sqrt(2) if skewed else 1.0)
 
     def face(x: Float, y: Float) -> Float:
-        black = np.zeros(np.shape(x), dtype=bool)
-        nearest = np.clip(np.round(y / board.square), 0, board.rows - 1)
-        for row in (nearest - 1, nearest, nearest + 1) if skewed else (nearest,):
-            shift, pitch = (row % 2, 2) if skewed else (0, 1)
-            column = np.clip(np.round((x / board.square - shift) / pitch), 0, board.columns - 1)
-            distance = np.hypot(x - (pitch * column + shift) * board.square, y - row * board.square)
-            black |= (distance <= size) & (row >= 0) & (row < board.rows)
-        return np.where(black, 0.0, 1.0)
+        # The nearest dot: of a square lattice, or of one turned by 45 deg, its axes along the sum and difference.
+        u, v = x / board.square, y / board.square
+        if skewed:
+            along, across = np.round((u + v) / 2), np.round((u - v) / 2)
+            column, row = along + across, along - across
+        else:
+            column, row = np.round(u), np.round(v)
+        last = 2 * board.columns - 2 + row % 2 if skewed else board.columns - 1
+        printed = (column >= 0) & (column <= last) & (row >= 0) & (row < board.rows)
+        return np.where(printed & ((u - column) ** 2 + (v - row) ** 2 <= (size / board.square) ** 2), 0.0, 1.0)
 
     return face
 

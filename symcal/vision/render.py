@@ -7,19 +7,22 @@ arguments and generator state give the same image.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from symcal.camera import Board, Camera, Target, project_points, rays
 from symcal.vision.patterns import Plate, board_plate, target_plates
 
-Float = NDArray[np.float64]
+Float = NDArray[np.floating[Any]]
 Image = NDArray[np.uint8]
 
+_BAND_PX = 64  # rows worked on at a time, so that the arrays stay in the processor's cache
 _GRID_PX = 8  # spacing of the grid on which the distortion is inverted; cubic between: below 1e-5 px
 
 
@@ -112,32 +115,41 @@ def _paint(
     box = _box(camera, plate.outline, T_camera_plate)
     if box is None:
         return
-    u0, v0, u1, v1 = box
-    ray = _ray_patch(camera, u0, v0, u1, v1)
     # Plane coordinates of the point that a ray (x, y, 1) meets: the rows of the inverse homography, up to 1 / depth.
-    inverse = np.linalg.inv(np.stack([T_camera_plate[:3, 0], T_camera_plate[:3, 1], T_camera_plate[:3, 3]], axis=1))
+    homography = np.stack([T_camera_plate[:3, 0], T_camera_plate[:3, 1], T_camera_plate[:3, 3]], axis=1)
+    across, down, along = np.linalg.inv(homography).tolist()  # plain floats keep float32 arrays float32
     front = float(T_camera_plate[:3, 2] @ T_camera_plate[:3, 3]) * plate.facing < 0
 
     def light(x: Float, y: Float) -> Float:
-        depth = inverse[2, 0] * x + inverse[2, 1] * y + inverse[2, 2]
-        depth = np.where(depth > 0, depth, np.nan)
-        ink = plate.pattern(
-            (inverse[0, 0] * x + inverse[0, 1] * y + inverse[0, 2]) / depth,
-            (inverse[1, 0] * x + inverse[1, 1] * y + inverse[1, 2]) / depth,
-        )
+        depth = along[0] * x + along[1] * y + along[2]
+        depth[depth <= 0] = np.nan
+        on_x = (across[0] * x + across[1] * y + across[2]) / depth
+        on_y = (down[0] * x + down[1] * y + down[2]) / depth
+        ink = plate.pattern(on_x, on_y)
         return look.black + (look.white - look.black) * (ink if front else np.where(np.isnan(ink), ink, 1.0))
 
+    u0, v0, u1, v1 = box
+    for top in range(v0, v1, _BAND_PX):
+        bottom = min(top + _BAND_PX, v1)
+        # One pixel more on every side, to see edges that run along the band's own border.
+        _paint_band(image[top:bottom, u0:u1], _ray_patch(camera, u0 - 1, top - 1, u1 + 1, bottom + 1), light, samples)
+
+
+def _paint_band(patch: NDArray[np.float32], ray: Float, light: Callable[[Float, Float], Float], samples: int) -> None:
     value = light(ray[0], ray[1]).astype(np.float32)
     filled = np.where(np.isnan(value), np.float32(-1), value)
     kernel = np.ones((3, 3), dtype=np.uint8)
-    edge = np.nonzero(cv2.dilate(filled, kernel) - cv2.erode(filled, kernel) > 1e-6)
-    patch = image[v0:v1, u0:u1]
-    below = patch[edge]
-    patch[...] = np.where(np.isnan(value), patch, value)
+    uneven = cv2.dilate(filled, kernel) - cv2.erode(filled, kernel) > 1e-6
+    row, column = np.nonzero(uneven[1:-1, 1:-1])
+    below = patch[row, column].astype(np.float64)
+    inner = value[1:-1, 1:-1]
+    np.copyto(patch, inner, where=~np.isnan(inner))
 
     # The rays are linear over one pixel to 1e-4 px, so that the samples need no further undistortion.
-    by_u, by_v = np.gradient(ray, axis=2)[:, edge[0], edge[1]], np.gradient(ray, axis=1)[:, edge[0], edge[1]]
-    middle = ray[:, edge[0], edge[1]]
+    row, column = row + 1, column + 1
+    middle = ray[:, row, column].astype(np.float64)
+    by_u = (ray[:, row, column + 1] - ray[:, row, column - 1]) / 2.0
+    by_v = (ray[:, row + 1, column] - ray[:, row - 1, column]) / 2.0
     offsets = (np.arange(samples) + 0.5) / samples - 0.5
     total = np.zeros(len(below))
     for dv in offsets:
@@ -145,7 +157,7 @@ def _paint(
         x, y = start[:, None, :] + offsets[:, None] * by_u[:, None, :]
         inked = light(x, y)
         total += np.where(np.isnan(inked), below, inked).sum(axis=0)
-    patch[edge] = total / samples**2
+    patch[row - 1, column - 1] = total / samples**2
 
 
 def _box(camera: Camera, outline: Float, T_camera_plate: Float) -> tuple[int, int, int, int] | None:
@@ -168,28 +180,27 @@ def _ray_patch(camera: Camera, u0: int, v0: int, u1: int, v1: int) -> Float:
     u = np.arange(u0 - _GRID_PX, u1 + 2 * _GRID_PX + 1, _GRID_PX, dtype=np.float64)
     v = np.arange(v0 - _GRID_PX, v1 + 2 * _GRID_PX + 1, _GRID_PX, dtype=np.float64)
     coarse = np.moveaxis(rays(camera, np.stack(np.meshgrid(u, v), axis=-1)), -1, 0)
-    across, down = _cubic_weights(len(u), u1 - u0), _cubic_weights(len(v), v1 - v0)
-    fine = down @ np.nan_to_num(coarse) @ across.T
+    fine = _upsampled(_upsampled(np.nan_to_num(coarse), v1 - v0).swapaxes(1, 2), u1 - u0).swapaxes(1, 2)
     hidden = np.isnan(coarse[0])
     if hidden.any():
-        fine[:, np.abs(down) @ hidden @ np.abs(across).T > 0] = np.nan
+        # Whatever a hidden knot touches is unknown.
+        touched = ndimage.maximum_filter(hidden, size=5)[1:-1, 1:-1]
+        fine[:, np.kron(touched, np.ones((_GRID_PX, _GRID_PX), dtype=bool))[: v1 - v0, : u1 - u0]] = np.nan
     return fine
 
 
-def _cubic_weights(knots: int, count: int) -> Float:
-    """Cubic Lagrange weights, shape (count, knots), of knots at -1, 0, 1, ... times the grid, for pixels from 0."""
-    cell, part = np.divmod(np.arange(count), _GRID_PX)
-    t = part / _GRID_PX
-    weights = np.zeros((count, knots))
-    terms = (
+def _upsampled(knots: Float, count: int) -> NDArray[np.float32]:
+    """Values at `count` pixels from the second knot on, cubic Lagrange along axis 1: (2, n, m) -> (2, count, m)."""
+    t = np.arange(_GRID_PX) / _GRID_PX
+    weights = (
         -t * (t - 1) * (t - 2) / 6,
         (t + 1) * (t - 1) * (t - 2) / 2,
         -(t + 1) * t * (t - 2) / 2,
         (t + 1) * t * (t - 1) / 6,
     )
-    for k, term in enumerate(terms):
-        weights[np.arange(count), cell + k] = term
-    return weights
+    cells = knots.shape[1] - 3
+    fine = sum(weight[:, None] * knots[:, k : k + cells, None] for k, weight in enumerate(weights))
+    return np.asarray(fine, dtype=np.float32).reshape(2, cells * _GRID_PX, -1)[:, :count]
 
 
 def _expose(camera: Camera, scene: NDArray[np.float32], rng: np.random.Generator, look: Look) -> Image:

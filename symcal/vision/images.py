@@ -1,0 +1,65 @@
+"""Grey images from files, with a name for everything that can be wrong with one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from symcal.errors import InputError
+
+Image = NDArray[np.uint8]
+
+BLACK_LEVEL = 16
+"""An image whose brightest pixels (99.9th percentile) stay below this grey level of 255 is called black. Ours."""
+
+
+def read_image(path: Path | str) -> Image:
+    """An image file as 8-bit grey levels, shape (height, width), in the sensor's own orientation.
+
+    Colour becomes grey; 16 bits are scaled by the power of two that just holds the brightest pixel (10, 12 or 14 bits
+    stored in 16). EXIF orientation is ignored: it would turn single images of one camera.
+
+    Raises:
+        InputError: no such file, not an image, or a file that breaks off before its end.
+    """
+    path = Path(path)
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError("there is no such image", file=path) from None
+    except OSError as error:
+        raise InputError(f"the image cannot be read: {error.strerror}", file=path) from None
+    if _cut(content):
+        raise InputError("the image is cut: the file breaks off before its end", file=path)
+    data = np.frombuffer(content, dtype=np.uint8)
+    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+    try:
+        image = cv2.imdecode(data, flags) if data.size else None
+    except cv2.error:
+        image = None
+    if image is None:
+        raise InputError("not an image that can be read", file=path)
+    if image.dtype != np.uint8:
+        full = (
+            2.0 ** np.ceil(np.log2(max(float(image.max()), 255.0) + 1))
+            if image.dtype == np.uint16
+            else float(image.max())
+        )
+        image = np.rint(np.clip(image * (255.0 / max(full, 1e-9)), 0, 255)).astype(np.uint8)
+    return np.asarray(image, dtype=np.uint8)
+
+
+def is_black(image: Image) -> bool:
+    """Whether nothing in the image is brighter than `BLACK_LEVEL`."""
+    return bool(np.percentile(image, 99.9) < BLACK_LEVEL)
+
+
+def _cut(content: bytes) -> bool:
+    """Whether a JPEG or PNG lacks its end mark (the decoder would fill up with grey and go on)."""
+    if content.startswith(b"\xff\xd8\xff"):
+        scan = content.rfind(b"\xff\xda")
+        return scan < 0 or content.find(b"\xff\xd9", scan) < 0
+    return content.startswith(b"\x89PNG\r\n\x1a\n") and b"IEND" not in content[-64:]

@@ -1,0 +1,139 @@
+"""The genetic algorithm: properties that hold for every fitness, and known optima."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from symcal.errors import InputError
+from symcal.planning.genetic import decode, encode, genetic
+
+LOWER = np.array([-2.0, 850.0, 0.0])
+UPPER = np.array([3.0, 1350.0, 700.0])
+CODINGS = ("binary", "gray", "real")
+
+
+def bowl(plans):
+    """Zero where all poses are a third of the way between the limits."""
+    return (((plans - LOWER) / (UPPER - LOWER) - 1 / 3) ** 2).sum(axis=(1, 2))
+
+
+def run(coding="binary", seed=1, **options):
+    arguments = {"population": 40, "generations": 30} | options
+    return genetic(bowl, LOWER, UPPER, 4, np.random.default_rng(seed), coding=coding, **arguments)
+
+
+@given(st.integers(1, 12), st.booleans())
+def test_codes_reach_both_limits_and_every_step_between(count, gray):
+    k = np.arange(2**count)
+    bits = ((k[:, None] >> np.arange(count - 1, -1, -1)) & 1).astype(bool)
+    values = decode(np.repeat(bits[:, None, :], 3, axis=1), LOWER, UPPER, gray=gray)
+    assert values.min(axis=0).tolist() == LOWER.tolist()
+    assert values.max(axis=0).tolist() == UPPER.tolist()
+    steps = np.diff(np.sort(values, axis=0), axis=0)
+    np.testing.assert_allclose(steps, np.broadcast_to((UPPER - LOWER) / (2**count - 1), steps.shape), rtol=1e-9)
+
+
+@given(st.integers(1, 12), st.booleans(), st.integers(0, 2**32 - 1))
+def test_encoding_rounds_to_the_nearest_value(count, gray, seed):
+    values = LOWER + (UPPER - LOWER) * np.random.default_rng(seed).random((5, 3))
+    back = decode(encode(values, LOWER, UPPER, count, gray=gray), LOWER, UPPER, gray=gray)
+    assert np.all(np.abs(back - values) <= 0.5 * (UPPER - LOWER) / (2**count - 1) + 1e-9)
+
+
+def test_neighbours_in_gray_code_differ_in_one_bit():
+    values = (LOWER + (UPPER - LOWER) * (np.arange(32) / 31)[:, None]).reshape(32, 3)
+    bits = encode(values, LOWER, UPPER, 5, gray=True)
+    assert np.all((bits[1:] != bits[:-1]).sum(axis=-1) == 1)
+
+
+@pytest.mark.parametrize("coding", CODINGS)
+def test_same_seed_same_plan_and_another_seed_another(coding):
+    first, again, other = run(coding), run(coding), run(coding, seed=2)
+    assert np.array_equal(first.poses, again.poses)
+    assert np.array_equal(first.history, again.history)
+    assert not np.array_equal(first.poses, other.poses)
+
+
+def test_global_random_state_is_neither_used_nor_changed():
+    before = np.random.get_state()[1].copy()  # noqa: NPY002
+    run()
+    assert np.array_equal(before, np.random.get_state()[1])  # noqa: NPY002
+
+
+@pytest.mark.parametrize("coding", CODINGS)
+def test_best_never_gets_worse_and_is_what_is_returned(coding):
+    told = []
+    result = run(coding, callback=lambda generation, best: told.append((generation, best)))
+    assert result.history.shape == (31,)
+    assert np.all(np.diff(result.history) <= 0)
+    assert result.fitness == result.history[-1] == pytest.approx(float(bowl(result.poses[None])[0]), abs=1e-15)
+    assert told == list(enumerate(result.history))
+    assert np.all((result.poses >= LOWER) & (result.poses <= UPPER))
+    assert result.violation == 0
+    assert result.evaluations == 40 * 31
+
+
+@pytest.mark.parametrize("coding", CODINGS)
+def test_finds_the_bottom_of_a_bowl(coding):
+    result = run(coding, generations=150)
+    assert result.fitness < 0.02 * result.history[0]
+
+
+def test_starts_from_given_plans():
+    best = np.broadcast_to(LOWER + (UPPER - LOWER) / 3, (1, 4, 3))
+    result = run("real", generations=0, start=best)
+    assert result.fitness == pytest.approx(0.0, abs=1e-20)
+
+
+@pytest.mark.parametrize("coding", CODINGS)
+def test_feasible_plans_win_over_better_ones(coding):
+    def violation(plans):  # the bottom of the bowl is forbidden
+        return np.maximum(1000.0 - plans[:, :, 1], 0.0).sum(axis=1) / 100
+
+    result = run(coding, generations=100, violation=violation)
+    assert result.violation == 0
+    assert np.all(result.poses[:, 1] >= 1000.0)
+    assert np.all(np.diff(result.violations) <= 0)
+
+
+def test_plans_without_a_value_lose():
+    def broken(plans):
+        return np.where(plans[:, 0, 0] > 0, np.nan, bowl(plans))
+
+    result = genetic(broken, LOWER, UPPER, 2, np.random.default_rng(0), population=20, generations=10)
+    assert result.poses[0, 0] <= 0
+    assert np.isfinite(result.fitness)
+
+
+def test_a_held_joint_stays_where_it_is():
+    upper = np.array([3.0, 850.0, 700.0])
+    for coding in CODINGS:
+        result = genetic(
+            lambda plans: plans[:, :, 0].sum(axis=1),
+            LOWER,
+            upper,
+            2,
+            np.random.default_rng(0),
+            coding=coding,
+            population=20,
+            generations=5,
+        )
+        assert np.all(result.poses[:, 1] == 850.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [({"coding": "hex"}, "coding"), ({"bits": 0}, "bits"), ({"bits": 60}, "bits"), ({"population": 1}, "population")],
+)
+def test_says_what_it_cannot_run(arguments, word):
+    with pytest.raises(InputError) as caught:
+        run(**arguments)
+    assert caught.value.key == word
+
+
+def test_infinite_limits_are_refused():
+    with pytest.raises(InputError, match="finite"):
+        genetic(bowl, LOWER, np.array([3.0, np.inf, 700.0]), 4, np.random.default_rng(0))

@@ -228,8 +228,9 @@ class _Step:
     def descend(self, q: Array, goals: Array, lower: Array, upper: Array, damping: float) -> tuple[Array, Array]:
         """The joints at which the error cannot be made smaller inside the bounds, and its size.
 
-        Steps that make it larger are damped more and tried again. A joint that is held by its bound takes part in a step as if it could move, and its share is lost; so such a
-        step is also taken without the held joints, and the better of the two counts.
+        Steps that make it larger are damped more and tried again. A joint that is held by its bound takes part in a
+        step as if it could move, and its share is lost; so such a step is also taken without the held joints, and the
+        better of the two counts.
         """
         best, lam = q.copy(), np.full(len(q), damping)
         _, size = self(best, (goals, lower, upper), lam)

@@ -47,6 +47,7 @@ class Criterion:
     score: M (..., n, n) -> (...), what searches maximise. slope: M (n, n) -> d score / dM, symmetric.
     concave: score is the logarithm of a concave function that is homogeneous of degree one.
     smooth: it has a derivative everywhere. power: exponent of the multiplicative algorithm that suits it.
+    root: psi^root is proportional to the value or to its reciprocal, so efficiencies are ratios of psi^root.
     """
 
     name: str
@@ -58,6 +59,7 @@ class Criterion:
     concave: bool
     smooth: bool
     power: float = 1.0
+    root: float = 1.0
 
 
 def criterion(name: str, *, poses: int = 1, accuracy: Accuracy | None = None) -> Criterion:
@@ -77,11 +79,19 @@ def criterion(name: str, *, poses: int = 1, accuracy: Accuracy | None = None) ->
     return {
         "D": lambda: Criterion("D", "1", True, _logdet, _score_d, _slope_d, True, True),
         "O1": lambda: Criterion(
-            "O1", "1", True, lambda m: np.exp(0.5 * _score_d(m)) / np.sqrt(poses), _score_d, _slope_d, True, True
+            "O1",
+            "1",
+            True,
+            lambda m: np.exp(0.5 * _score_d(m)) / np.sqrt(poses),
+            _score_d,
+            _slope_d,
+            True,
+            True,
+            root=0.5,
         ),
         "A": lambda: Criterion("A", "1", False, _trace_inverse, _score_a, _slope_a, True, True, 0.5),
         "O5": lambda: Criterion(
-            "O5", "1", True, lambda m: np.exp(0.5 * _score_5(m)), _score_5, _slope_5, True, True, 2 / 3
+            "O5", "1", True, lambda m: np.exp(0.5 * _score_5(m)), _score_5, _slope_5, True, True, 2 / 3, 0.5
         ),
         "E": lambda: Criterion(
             "E", "1", True, lambda m: np.asarray(_eigenvalues(m)[..., 0]), _score_e, _slope_e, True, False
@@ -96,6 +106,10 @@ def criterion(name: str, *, poses: int = 1, accuracy: Accuracy | None = None) ->
 def _eigenvalues(m: Array) -> Array:
     """Ascending, shape (..., n), not below zero."""
     return np.maximum(np.linalg.eigvalsh(m), 0.0)
+
+
+def _smallest(m: Array) -> Array:
+    return np.asarray(_eigenvalues(m)[..., 0])
 
 
 def _log(value: Array) -> Array:
@@ -201,7 +215,7 @@ def _weighted_inverse(m: Array, weight: Array) -> Array:
 def _mean_error(accuracy: Accuracy) -> Criterion:
     score, slope = linear(accuracy.mean)
     return Criterion(
-        "I", "mm", False, lambda m: np.sqrt(_weighted_inverse(m, accuracy.mean)), score, slope, True, True, 0.5
+        "I", "mm", False, lambda m: np.sqrt(_weighted_inverse(m, accuracy.mean)), score, slope, True, True, 0.5, 0.5
     )
 
 

@@ -1,9 +1,10 @@
 """Greedy choice and exchange of poses over a finite pool.
 
-Poses are added one by one, each the best of the pool; then every chosen pose in turn gives way to the pool's best, until
-a whole round changes nothing (the modified Fedorov algorithm of [Cook1980], after [Fedorov1972]; here a candidate is a
-block of rows). The best is found without looking at everybody: score(M + I) <= score(M) + tr(slope(M) I) for a concave score,
-so the pool is ranked by the right-hand side in one product, and only those are evaluated exactly that can still win.
+Poses are added one by one, each the best of the pool; then every chosen pose in turn gives way to the pool's best,
+until a whole round changes nothing (the modified Fedorov algorithm of [Cook1980], after [Fedorov1972]; here a candidate
+is a block of rows). The best is found without looking at everybody: score(M + I) <= score(M) + tr(slope(M) I) for a
+concave score, so the pool is ranked by the right-hand side in one product, and only those are evaluated exactly that
+can still win.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ _RIDGE = 1e-7  # of the pool's mean information, added so that the first poses h
 class Pool:
     """Poses to choose from.
 
-    poses: shape (K, dof). rows: F at each, shape (K, m, n). unit: the poses in units of the working area, shape (K, dof).
+    poses: shape (K, dof). rows: F at each, shape (K, m, n). unit: the poses in units of the working area, (K, dof).
     """
 
     poses: Array

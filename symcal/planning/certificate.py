@@ -1,0 +1,139 @@
+r"""How good a plan provably is, measured against every plan of the feasible set.
+
+M is the plan's mean information per pose, n its size. With an approximate design M_a and the equivalence theorem of
+[Kiefer1960],
+
+    log det M* <= log det M_a + max_x tr(I(x) M_a^-1) - n
+    D-efficiency = exp((log det M - log det M*) / n)  >=  the same with this bound in place of log det M*
+    G-efficiency = n / max_x tr(I(x) M^-1)
+
+(the two are different figures). For another concave criterion psi, homogeneous of degree one, psi(M*) <= psi(M_a) max_x
+tr(grad log psi(M_a) I(x)). The maxima over the feasible set are *searched*, by dense sampling and polish with exact
+derivatives (`symcal.planning.maximum`): the bounds are proven up to what such a search misses. Distances between poses
+and poses that the user insists on do not enter the bounds, which are then pessimistic, never wrong.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symcal.planning.approximate import TOLERANCE, ApproximateDesign, optimal_design
+from symcal.planning.criteria import Criterion, criterion
+from symcal.planning.information import PoseInformation
+from symcal.planning.maximum import FeasibleSet, largest
+
+Array = NDArray[np.float64]
+
+NONE_KNOWN = "none known"
+
+_REGULAR = 1e12  # condition number of an information matrix that can be inverted
+
+
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """What is proven about a plan.
+
+    d_efficiency_lower_bound, g_efficiency: see the module. worst_pose: where tr(I M^-1) is largest, shape (dof,).
+    logdet_upper_bound: of log det of the mean information per pose of any plan. gap: max_x tr(I M_a^-1) - n.
+    criterion: the plan's own, criterion_efficiency_lower_bound: by its own value (ratio to the best possible), None
+    where no bound is known. design: the approximate design behind the bounds.
+    searched: poses that the maximum was taken over; exhaustive: these are the whole feasible set.
+    """
+
+    d_efficiency_lower_bound: float
+    g_efficiency: float
+    worst_pose: Array
+    logdet_upper_bound: float
+    gap: float
+    criterion: str
+    criterion_efficiency_lower_bound: float | None
+    design: ApproximateDesign
+    searched: int
+    exhaustive: bool
+
+    @property
+    def statement(self) -> str:
+        """The certificate in words."""
+        how = (
+            f"over all {self.searched} candidate poses"
+            if self.exhaustive
+            else f"searched over {self.searched} sampled poses and polished with exact derivatives"
+        )
+        own = self.criterion_efficiency_lower_bound
+        bound = NONE_KNOWN if own is None else f"{own:.3f}"
+        return (
+            f"D-efficiency at least {self.d_efficiency_lower_bound:.3f}, G-efficiency {self.g_efficiency:.3f}, "
+            f"bound for criterion {self.criterion}: {bound}; maximum over the feasible set {how}"
+        )
+
+
+def certify(
+    info: PoseInformation,
+    poses: Array,
+    merit: Criterion,
+    where: FeasibleSet,
+    rng: np.random.Generator,
+    *,
+    design: ApproximateDesign | None = None,
+    tolerance: float = TOLERANCE,
+) -> Certificate:
+    """The certificate of a plan.
+
+    Args:
+        poses: the plan, shape (N, dof). merit: the criterion that it was made for.
+        where: the feasible set with a dense sample. tolerance: of the bounds' slack, relative.
+        design: a D-optimal one for as many poses and the same set, if it is known already.
+    """
+    n, count = info.rank, len(poses)
+    ground, matrix = info.prior / count, info.total(poses) / count
+    by_d = criterion("D")
+    start = _starting_atoms(info, where, poses)
+    if design is None:
+        design = optimal_design(info, by_d, where, ground, start, rng, tolerance=tolerance)
+    gap = n * max(design.excess, 0.0)
+    bound = float(by_d.value(design.matrix)) + gap
+    efficiency = float(np.exp((by_d.value(matrix) - bound) / n))
+    inverse = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+    values, worst = largest(info.function, inverse, where, rng)
+    own: float | None = None
+    if merit.name in ("D", "O1"):
+        own = efficiency**merit.root
+    elif merit.concave and merit.smooth:
+        best = optimal_design(info, merit, where, ground, start, rng, tolerance=tolerance)
+        upper = float(merit.score(best.matrix)) + np.log1p(max(best.excess, 0.0))
+        own = float(np.exp((merit.score(matrix) - upper) * merit.root))
+    return Certificate(
+        d_efficiency_lower_bound=efficiency,
+        g_efficiency=float(n / (values[0] + np.sum(inverse * ground))),
+        worst_pose=worst[0],
+        logdet_upper_bound=bound,
+        gap=gap,
+        criterion=merit.name,
+        criterion_efficiency_lower_bound=own,
+        design=design,
+        searched=len(where.sample),
+        exhaustive=where.area is None,
+    )
+
+
+def smallest_weighted_variance(
+    info: PoseInformation, weight: Array, design: ApproximateDesign, where: FeasibleSet, rng: np.random.Generator
+) -> float:
+    """A lower bound of tr(W M^-1) over the mean information per pose of all plans, for a symmetric W >= 0.
+
+    tr(W M^-1) >= tr(W M_a^-1)^2 / max_x tr(M_a^-1 W M_a^-1 I(x)), for any M_a; tight where M_a is optimal for W.
+    """
+    inverse = np.linalg.inv(design.matrix)
+    middle = inverse @ weight @ inverse
+    values, _ = largest(info.function, middle, where, rng)
+    return float(np.sum(weight * inverse) ** 2 / values[0])
+
+
+def _starting_atoms(info: PoseInformation, where: FeasibleSet, poses: Array) -> Array:
+    """The plan's own poses if they determine everything, else with an even choice of the sample."""
+    if np.linalg.cond(info.total(poses)) < _REGULAR:
+        return poses
+    return np.concatenate([poses, where.sample[:: max(len(where.sample) // 200, 1)]])

@@ -21,11 +21,18 @@ SX = ca.SX
 Array = NDArray[np.float64]
 
 _TINY = 1e-8  # squared angle below which the series is exact to rounding (next term: 1e-8**2 / 120)
+_ROUNDING = 2.0**-51  # of a sine or cosine at a multiple of 90 deg: sin(pi) and cos(3/2 pi) in double are below it
+
+
+def _exact(value: Any) -> SX:
+    """Zero for what rounding leaves of the cosine of a constant right angle: products with it leave the expression."""
+    value = SX(value)
+    return SX(0) if value.is_constant() and abs(float(value)) < _ROUNDING else value
 
 
 def rotation(axis: int, angle: Any) -> SX:
     """Rotation matrix about coordinate axis 0 (x), 1 (y) or 2 (z); angle in rad; shape (3, 3)."""
-    c, s = ca.cos(angle), ca.sin(angle)
+    c, s = _exact(ca.cos(angle)), _exact(ca.sin(angle))
     i, j = (axis + 1) % 3, (axis + 2) % 3
     matrix = SX(3, 3)
     matrix[axis, axis] = 1

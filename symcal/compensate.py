@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from symcal import spatial
 from symcal.errors import RefusedError
 from symcal.kernels.batch import BatchFunction, batch_function
-from symcal.kinematics import function, omegas, stack
+from symcal.kinematics import chain, function, omegas, stack
+from symcal.parameters import parameter_set
 from symcal.robot import Robot
 from symcal.targets import POSE_JOINTS, Targets, base_chain, base_frames, joint_columns
 
@@ -92,7 +93,9 @@ def joint_caps(robot: Robot, caps: tuple[float, float] = CAPS) -> Array:
     return np.array([(caps[0] if j.revolute else caps[1]) / abs(j.ratio) for j in robot.joints])
 
 
-def compensation_step(robot: Robot, *, pose: bool = False, adaptive: bool = False) -> ca.Function:
+def compensation_step(
+    robot: Robot, *, pose: bool = False, adaptive: bool = False, adjustable: bool = False
+) -> ca.Function:
     """One damped Newton step towards a target in the base frame, free of branches.
 
     (q, target, lower, upper) -> (q_next, error)
@@ -102,17 +105,20 @@ def compensation_step(robot: Robot, *, pose: bool = False, adaptive: bool = Fals
         pose: whether the target is [R | p], shape (3, 4), or a position, shape (3,); mm.
         adaptive: adds the inputs ``free``, shape (dof,), 1 for joints that may move and 0 for those that may not, and
             ``damping``, lambda^2 in mm^2; without, all are free and lambda^2 is `DAMPING`.
+        adjustable: adds the inputs ``x``, errors of the link parameters on top of the robot's numbers, and ``tool``,
+            T_flange_tool without its last row, shape (3, 4), in place of the robot's.
     Returns:
         function with q, lower, upper, q_next of shape (dof,), readings; error, shape (3,) or (6,): target minus present
         position in mm, and the rotation vector from present to target orientation in rad, both in the base frame and
         before the step.
     """
-    model = base_chain(robot)
-    n = robot.dof
+    model = chain(robot, parameter_set(robot)) if adjustable else base_chain(robot)
+    n, flange_tool = robot.dof, SX.sym("tool", 3, 4)
+    frames = ca.vertcat(base_frames(robot)[:12], ca.vec(flange_tool)) if adjustable else base_frames(robot)
     lower, upper = SX.sym("lower", n), SX.sym("upper", n)
     free, damping = SX.sym("free", n), SX.sym("damping")
     target = SX.sym("target", 3, 4) if pose else SX.sym("target", 3)
-    tool = ca.substitute(model.tool, model.frames, base_frames(robot))
+    tool = ca.substitute(model.tool, model.frames, frames)
     jacobian = stack(model.joint_screws, model.tool[:3, 3])
     error = target[:, 3] - tool[:3, 3] if pose else target - tool[:3, 3]
     weighted = error
@@ -120,7 +126,7 @@ def compensation_step(robot: Robot, *, pose: bool = False, adaptive: bool = Fals
         turn = spatial.log_rotation(target[:, :3] @ tool[:3, :3].T)
         error, weighted = ca.vertcat(error, turn), ca.vertcat(error, LEVER * turn)
         jacobian = ca.vertcat(jacobian, LEVER * omegas(model.joint_screws))
-    jacobian = ca.substitute(jacobian, model.frames, base_frames(robot))
+    jacobian = ca.substitute(jacobian, model.frames, frames)
     mobility = ca.DM([(1 / LEVER if j.revolute else 1.0) ** 2 / j.ratio**2 for j in robot.joints])
     spread = jacobian * ca.repmat((mobility * free if adaptive else mobility).T, jacobian.shape[0], 1)
     normal = spread @ jacobian.T + (damping if adaptive else DAMPING) * SX.eye(jacobian.shape[0])
@@ -128,6 +134,8 @@ def compensation_step(robot: Robot, *, pose: bool = False, adaptive: bool = Fals
     inputs = {"q": model.q, "target": target, "lower": lower, "upper": upper}
     if adaptive:
         inputs |= {"free": free, "damping": damping}
+    if adjustable:
+        inputs |= {"x": model.x, "tool": flange_tool}
     outputs = {"q_next": ca.fmin(ca.fmax(moved, lower), upper), "error": error}
     return function("compensation_step", inputs, outputs)
 

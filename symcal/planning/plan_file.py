@@ -1,0 +1,99 @@
+"""Plans as CSV files: one row per pose for the controller, and the waypoints of the whole motion.
+
+plan.csv:       pose,q1_deg,q2_mm,...,segment,time_s     the segment (line, joint) leads to the pose and takes time_s
+waypoints.csv:  time_s,q1_deg,...,segment,pose           time since the start; pose is named where it is reached
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symcal.errors import InputError
+from symcal.planning.path import Path as Motion
+from symcal.robot import Robot
+from symcal.table import joint_readings, read_table
+
+Array = NDArray[np.float64]
+
+
+def write_plan(path: Path | str, robot: Robot, poses: Array, motion: Motion | None = None) -> None:
+    """Write the poses of a plan, shape (N, dof), in the order of the motion and with its segments if there is one.
+
+    A pose keeps its number in ``poses``, from 1, as its name.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    order = range(len(poses)) if motion is None else [int(i) for i in motion.order]
+    rows = [[f"{i + 1}", *_cells(robot, poses[i])] for i in order]
+    header = ["pose", *_columns(robot)]
+    if motion is not None:
+        header += ["segment", "time_s"]
+        rows = [[*row, s.kind, repr(s.time)] for row, s in zip(rows, motion.segments, strict=True)]
+    _write(Path(path), header, rows)
+
+
+def write_waypoints(path: Path | str, robot: Robot, motion: Motion) -> None:
+    """Write every waypoint of a motion; between rows the joints move linearly in time.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    rows: list[list[str]] = []
+    clock = 0.0
+    for i, segment in zip(motion.order, motion.segments, strict=True):
+        last = len(segment.waypoints) - 1
+        for k, (q, time) in enumerate(zip(segment.waypoints, segment.times, strict=True)):
+            if k > 0 or not rows:
+                name = f"{int(i) + 1}" if k == last else ""
+                rows.append([repr(clock + float(time)), *_cells(robot, q), segment.kind, name])
+        clock += segment.time
+    _write(Path(path), ["time_s", *_columns(robot), "segment", "pose"], rows)
+
+
+def read_plan(path: Path | str, robot: Robot) -> tuple[Array, tuple[str, ...]]:
+    """Poses of a CSV file, shape (N, dof), rad and mm, and their names (column `pose`, else 1, 2, ...).
+
+    Any further columns are left alone: a measured set will do as well as a plan.
+
+    Raises:
+        InputError: with line and column for what cannot be read; a file without rows; a name twice.
+    """
+    table = read_table(path)
+    if not len(table):
+        raise InputError("the file has a header but no rows", file=path)
+    poses = joint_readings(table, [(joint.name, joint.revolute) for joint in robot.joints])
+    if "pose" not in table.columns:
+        return poses, tuple(str(i + 1) for i in range(len(poses)))
+    names = table.text("pose")
+    kept = [i for i, name in enumerate(names) if name not in names[:i]]
+    for i, name in enumerate(names):  # several observations of one pose are one pose
+        first = names.index(name)
+        if not np.allclose(poses[i], poses[first], rtol=0.0, atol=1e-9):
+            message = f"this pose stands in line {table.lines[first]} with other joint readings"
+            raise InputError(message, file=path, line=table.lines[i], key="pose", found=name)
+    return poses[kept], tuple(names[i] for i in kept)
+
+
+def _columns(robot: Robot) -> list[str]:
+    return [f"q{i}_{'deg' if joint.revolute else 'mm'}" for i, joint in enumerate(robot.joints, start=1)]
+
+
+def _cells(robot: Robot, q: Array) -> list[str]:
+    shown = np.where([joint.revolute for joint in robot.joints], np.rad2deg(q), q)
+    return [repr(float(value)) for value in shown]
+
+
+def _write(path: Path, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    try:
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(header)
+            writer.writerows(rows)
+    except OSError as error:
+        raise InputError(f"the file cannot be written: {error.strerror}", file=path) from None

@@ -187,7 +187,7 @@ def fold_radius(camera: Camera) -> float:
     return math.sqrt(positive.min()) if positive.size else math.inf
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Target:
     """Equal discs on a plate, fixed to the robot's tool.
 
@@ -197,6 +197,7 @@ class Target:
         disc_radius: mm.
         normal: unit vector out of the discs' faces, in the target frame; they are seen from its side only.
         marked: the disc that carries a concentric hole of half its radius, to break the symmetry; None if alike.
+        mount: nominal pose of the target on the robot's flange (last link frame), shape (4, 4), mm; None if not given.
     """
 
     names: tuple[str, ...]
@@ -204,6 +205,7 @@ class Target:
     disc_radius: float
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
     marked: str | None = None
+    mount: Float | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         if np.shape(self.points) != (len(self.names), 3) or not np.all(np.isfinite(self.points)):
@@ -222,14 +224,14 @@ class Target:
             raise InputError("no disc of this name", key="marked", found=self.marked, allowed=self.names)
 
     @staticmethod
-    def triangle(side: float, disc_radius: float, marked: str | None = None) -> Target:
+    def triangle(side: float, disc_radius: float, marked: str | None = None, mount: Float | None = None) -> Target:
         """Three discs P1, P2, P3 at the corners of an equilateral triangle around the origin of the z = 0 plane; mm.
 
         P1 lies on +x, the others follow counter-clockwise about +z, out of the faces.
         """
         angles = np.deg2rad([0.0, 120.0, 240.0])
         corners = side / math.sqrt(3) * np.stack([np.cos(angles), np.sin(angles), np.zeros(3)], axis=1)
-        return Target(("P1", "P2", "P3"), corners, disc_radius, marked=marked)
+        return Target(("P1", "P2", "P3"), corners, disc_radius, marked=marked, mount=mount)
 
 
 BoardKind = Literal["chessboard", "circles", "asymmetric_circles", "charuco"]

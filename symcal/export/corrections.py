@@ -1,0 +1,105 @@
+"""What a calibration changed, in the units and signs in which a controller asks for it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from symcal.export.urdf import roll_pitch_yaw
+from symcal.parameters import FRAME_AXES
+from symcal.robot import Joint, Robot, is_angle
+
+Array = NDArray[np.float64]
+
+QUANTITY = {
+    "theta": "angle about the joint axis",
+    "d": "offset along the joint axis",
+    "a": "link length",
+    "alpha": "twist",
+    "beta": "twist about y (Hayati)",
+}
+ZERO = "zero offset"
+
+COLUMNS = ("joint", "quantity", "parameter", "unit", "nominal", "correction", "corrected", "sigma")
+
+
+def corrections(robot: Robot) -> pd.DataFrame:
+    """The corrections of a calibrated robot, one per row, in deg and mm; empty if it was never calibrated.
+
+    The zero offset of a joint is in units of its reading, error / (sign * ratio): what has to be *added to the reading*
+    to get the one that the nominal model needs (a controller that subtracts its offset wants the opposite sign). Other
+    rows are the link parameters of the robot's convention, and the tool frame as x, y, z and roll, pitch, yaw at the
+    flange. Where the instrument saw the base is not a correction of the robot and is left out.
+
+    Returns:
+        columns `joint`, `quantity`, `parameter`, `unit`, `nominal`, `correction`, `corrected`, and `sigma`, which is
+        None where the data do not determine the parameter.
+    """
+    rows: list[dict[str, Any]] = []
+    if robot.record is not None:
+        errors, sigmas = robot.record.errors, robot.record.sigmas
+        for i, link in enumerate(robot.links, start=1):
+            for kind in QUANTITY:
+                name = f"{kind}_{i}"
+                if kind in link.parameters and name in errors:
+                    rows.append(_row(link.joint, kind, name, link.parameters[kind], errors[name], sigmas.get(name)))
+        rows += _tool_rows(robot)
+    return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def _row(joint: Joint, kind: str, name: str, value: float, error: float, sigma: float | None) -> dict[str, Any]:
+    zero = kind == ("theta" if joint.revolute else "d")
+    unit, factor = ("deg", math.degrees(1)) if is_angle(kind) else ("mm", 1.0)
+    nominal = (value - error) * factor
+    if zero:
+        factor, nominal = factor / (joint.sign * joint.ratio), 0.0
+    return {
+        "joint": joint.name,
+        "quantity": ZERO if zero else QUANTITY[kind],
+        "parameter": name,
+        "unit": unit,
+        "nominal": nominal,
+        "correction": error * factor,
+        "corrected": nominal + error * factor,
+        "sigma": math.nan if sigma is None else sigma * abs(factor),
+    }
+
+
+def _tool_rows(robot: Robot) -> list[dict[str, Any]]:
+    """The tool frame in the flange's; the sigma of its position is turned from the axes of the nominal tool into the
+    flange's."""
+    record = robot.record
+    if record is None or not any(f"tool_{axis}" in record.errors for axis in FRAME_AXES):
+        return []
+    names = list(record.errors)
+    sigma = [math.nan] * 6
+    axes = [f"tool_{axis}" for axis in "xyz"]
+    if all(record.sigmas.get(axis) is not None for axis in axes):
+        place = [names.index(axis) for axis in axes]
+        turn = record.nominal_tool[:3, :3]
+        spread = turn @ record.covariance[np.ix_(place, place)] @ turn.T
+        sigma[:3] = np.sqrt(np.maximum(np.diag(spread), 0.0)).tolist()
+    nominal, corrected = (
+        np.concatenate([frame[:3, 3], np.degrees(roll_pitch_yaw(frame[:3, :3]))])
+        for frame in (record.nominal_tool, robot.tool)
+    )
+    change = corrected - nominal
+    change[3:] = (change[3:] + 180) % 360 - 180
+    labels = ("x", "y", "z", "roll", "pitch", "yaw")
+    return [
+        {
+            "joint": "tool",
+            "quantity": f"tool {label}",
+            "parameter": "tool frame",
+            "unit": "mm" if k < 3 else "deg",
+            "nominal": nominal[k],
+            "correction": change[k],
+            "corrected": corrected[k],
+            "sigma": sigma[k],
+        }
+        for k, label in enumerate(labels)
+    ]

@@ -25,7 +25,7 @@ IMPLAUSIBLE = 10.0
 UNSEEN = 0.1
 """Plausible scales that an error may have along unseen directions, where the nonlinear model lets it drift a little."""
 
-_NULL = 1e-12  # share of the largest eigenvalue of the scaled covariance
+_NULL = 1e-12  # eigenvalue of a correlation matrix that is zero but for rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,8 +91,12 @@ def _unseen_errors(robot: Robot, record: Record) -> dict[str, float]:
     """
     names = list(record.errors)
     scales = np.array([_scale(robot, name) for name in names])
-    values, vectors = np.linalg.eigh(record.covariance / np.outer(scales, scales))
-    null = vectors[:, values <= _NULL * max(values[-1], 0.0)] if len(names) else vectors
+    covariance = record.covariance / np.outer(scales, scales)
+    # through the correlations: well and badly seen directions may be ten orders of magnitude apart
+    deviations = np.sqrt(np.diag(covariance))
+    weight = 1 / np.where(deviations > 0, deviations, 1.0)
+    values, vectors = np.linalg.eigh(weight[:, None] * covariance * weight)
+    null, _ = np.linalg.qr(weight[:, None] * vectors[:, values <= _NULL])
     scaled = np.array([record.errors[name] for name in names]) / scales
     return dict(zip(names, (scales * (null @ (null.T @ scaled))).tolist(), strict=True))
 

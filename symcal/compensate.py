@@ -14,6 +14,7 @@ Source: damped least squares after [Nakamura1986]; weights, damping, caps and wh
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import casadi as ca
@@ -22,7 +23,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from symcal import spatial
-from symcal.errors import RefusedError
+from symcal.errors import InputError, RefusedError
 from symcal.kernels.batch import BatchFunction, batch_function
 from symcal.kinematics import chain, function, omegas, stack
 from symcal.parameters import parameter_set
@@ -86,6 +87,18 @@ class Compensation:
         which = [" ".join(n for n, at in zip(names, row, strict=True) if at) for row in self.limiting]
         table["status"] = [f"{s}: {w}" if w else s for s, w in zip(self.status, which, strict=True)]
         return table
+
+
+def write_joints(result: Compensation, path: Path | str) -> None:
+    """Write `Compensation.table` as CSV; `symcal.targets.read_targets` reads its joints back.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    try:
+        result.table().to_csv(path, index=False)
+    except OSError as error:
+        raise InputError(f"the file cannot be written: {error.strerror or error}", file=path) from None
 
 
 def joint_caps(robot: Robot, caps: tuple[float, float] = CAPS) -> Array:

@@ -27,6 +27,7 @@ from symcal.compensate import (
     compensation_step,
     joint_caps,
     solve_definite,
+    write_joints,
 )
 from symcal.errors import InputError, RefusedError
 from symcal.kinematics import ELEMENTS
@@ -290,8 +291,14 @@ def test_targets_from_csv(handling: Robot, tmp_path: Path, rng: np.random.Genera
     np.testing.assert_allclose(targets.joints, joints, atol=1e-12)
     np.testing.assert_allclose(targets.poses, walk(handling.nominal(), joints), atol=1e-9)
     result = compensate(handling, targets, rng)
-    result.table().to_csv(path, index=False)
+    write_joints(result, path)
     np.testing.assert_allclose(read_targets(path, handling).joints, result.joints, atol=1e-12)
+
+
+def test_a_place_that_cannot_be_written_is_told(handling: Robot, tmp_path: Path, rng: np.random.Generator) -> None:
+    result = compensate(handling, commanded(handling, np.array([[0, 1000, 100, 1, 0]])), rng)
+    with pytest.raises(InputError, match="cannot be written"):
+        write_joints(result, tmp_path / "absent" / "joints.csv")
 
 
 def test_poses_from_csv(tmp_path: Path, rng: np.random.Generator) -> None:

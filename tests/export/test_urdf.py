@@ -20,7 +20,7 @@ from symcal.errors import InputError, RefusedError
 from symcal.export.urdf import roll_pitch_yaw, save_urdf, urdf_text
 from symcal.kinematics import chain, forward, frame_vector
 from symcal.parameters import ParameterSet, parameter_set
-from symcal.robot import Joint, Robot, load_robot
+from symcal.robot import Joint, Record, Robot, load_robot
 from symcal.urdf import load_urdf
 
 SCARA = """<?xml version="1.0"?>
@@ -237,6 +237,23 @@ def test_convert_is_exact_and_returns(configs: Path, rng: np.random.Generator) -
     assert_same(poses(convert(craig, "standard"), q), poses(robot, q))
     assert craig.parameters["alpha_3"] == robot.parameters["alpha_2"]
     assert "a_5" not in convert(craig, "standard").parameters  # it went to the tool
+
+
+def test_convert_takes_the_calibration_along(configs: Path) -> None:
+    nominal = load_robot(configs / "robots" / "handling_robot.yaml")
+
+    def calibrated(errors: dict[str, float]) -> Robot:
+        n = len(errors)
+        record = Record(errors, dict.fromkeys(errors, 1e-3), 1e-6 * np.eye(n), nominal.base, nominal.tool)
+        return replace(nominal.corrected(errors), record=record)
+
+    craig = convert(calibrated({"alpha_1": 0.003, "d_4": 0.2, "beta_3": 0.001}), "craig")
+    assert craig.record is not None
+    assert craig.record.errors == {"alpha_2": 0.003, "d_4": 0.2, "beta_4": 0.001}
+    q = np.array([[0.3, 1000.0, 200.0, 1.0, 0.5]])
+    assert_same(poses(craig.nominal(), q), poses(nominal, q))
+    with pytest.raises(RefusedError, match="a_5 would have to be said of a tool frame"):
+        convert(calibrated({"a_5": 0.024}), "craig")
 
 
 @given(st.tuples(*[st.sampled_from([0.0, 1e-9, 0.3, math.pi / 2, math.pi / 2 - 1e-8, math.pi, -math.pi / 2])] * 3))

@@ -25,11 +25,13 @@ from symcal.camera import project_points
 from symcal.errors import InputError
 from symcal.kernels import BatchFunction, batch_function
 from symcal.planning.camera_view import CameraView, axis_angles, triangle_area
+from symcal.planning.criteria import Criterion
 from symcal.planning.information import PoseInformation
 
 Array = NDArray[np.float64]
 PlanFunction = Callable[[Array], Array]
-Criterion = Literal["D", "condition", "I"]
+
+_EVEN = 2000  # poses of the working area from which its mean information is taken
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,24 +98,25 @@ def paper_fitness(view: CameraView, basis: Array, weights: Weights, reading: Rea
 
 def sound_fitness(
     information: PoseInformation,
-    criterion: Criterion = "D",
+    merit: Criterion,
     *,
+    whitened: bool = False,
     view: CameraView | None = None,
     weights: Weights = Weights(),
-    task: Array | None = None,
+    fixed: Array | None = None,
 ) -> PlanFunction:
     """Ours, in the frame of eq. 12: the information M of the whole plan takes the place of the condition numbers.
 
-    `D`: -log det(M) / n, the mean logarithm of the variance of a direction. `condition`: the condition number of M
-    whitened by the mean information of the working area, as a ratio of standard deviations: 1 is a plan that sees every
-    direction as well as an average one does.
-    `I`: the root mean square error that the plan predicts for the task, sqrt(tr(M^-1 G)).
+    Minus the score of M takes their place: -log det(M) / n for D, the logarithm of the condition number for cond, of
+    the mean square predicted error for I. Logarithms, so that a weight of the camera terms means the same for each.
 
     Args:
+        merit: of M; see `symcal.planning.criteria`.
+        whitened: put M in the coordinates in which the mean information of the working area is the identity, so that a
+            condition number of 1 is a plan that sees every direction as well as an average one does. Without it a
+            condition number depends on the scales of the parameters.
         view: needed for the camera terms, which are means over the poses; without it their weights must be 0.
-        task: G, the mean of J^T J over the task in the subspace's coordinates, shape (n, n). When None, the mean
-            information of the working area divided by the components of a measurement: predicted error in units of its
-            noise.
+        fixed: information that every plan has beside its poses, shape (n, n); that of the priors when None.
     Returns:
         (P, N, dof) -> (P,); inf for plans that leave a direction unseen.
     Raises:
@@ -122,17 +125,16 @@ def sound_fitness(
     if view is None and (weights.angle or weights.area):
         raise InputError("the camera terms of the fitness need a camera and a target", key="weights")
     n = information.rank
-    mean = np.mean(information.matrices(information.area.even(2000)), axis=0)
-    goal = mean / information.components if task is None else task
-    whitener = np.linalg.inv(np.linalg.cholesky(mean))
+    ground = information.prior if fixed is None else fixed
+    whitener: Array = np.eye(n)
+    if whitened:
+        mean = np.mean(information.matrices(information.area.even(_EVEN)), axis=0)
+        whitener = np.linalg.inv(np.linalg.cholesky(mean))
 
     def fitness(plans: Array) -> Array:
         rows = information.rows(plans.reshape(-1, plans.shape[-1])).reshape(len(plans), -1, n)
-        m = information.prior + rows.swapaxes(-1, -2) @ rows
-        if criterion == "condition":
-            value = condition_numbers(whitener @ m @ whitener.T)
-        else:
-            value = _over_spectrum(m, criterion, goal)
+        m = ground + rows.swapaxes(-1, -2) @ rows
+        value = -merit.score(whitener @ m @ whitener.T if whitened else m)
         terms = 0.0 if view is None else _camera_terms(view, plans, weights, "mean")
         return np.asarray(weights.observability * value + terms)
 
@@ -154,17 +156,6 @@ def condition_numbers(gram: Array) -> Array:
         smallest, largest = values[..., 0], values[..., -1]
     regular = smallest > 1e-15 * largest
     return np.where(regular, np.sqrt(largest / np.where(regular, smallest, 1.0)), np.inf)
-
-
-def _over_spectrum(m: Array, criterion: Criterion, goal: Array) -> Array:
-    if criterion == "D":
-        sign, logdet = np.linalg.slogdet(m)
-        return np.where(sign > 0, -logdet / m.shape[-1], np.inf)
-    values, vectors = np.linalg.eigh(m)
-    regular = values[..., 0] > 1e-15 * values[..., -1]
-    along = np.einsum("pji,jk,pki->pi", vectors, goal, vectors, optimize=True)
-    predicted = np.sum(along / np.where(regular[:, None], values, 1.0), axis=-1)
-    return np.where(regular, np.sqrt(np.maximum(predicted, 0.0)), np.inf)
 
 
 def _camera_terms(view: CameraView, plans: Array, weights: Weights, over: Literal["sum", "mean"]) -> Array | float:

@@ -23,8 +23,9 @@ Bits = NDArray[np.bool_]
 Coding = Literal["binary", "gray", "real"]
 PlanFunction = Callable[[Array], Array]
 """(P, N, dof) -> (P,): a number per plan."""
-Progress = Callable[[int, float], None]
-"""Told the generation (0 is the random start) and the best fitness so far."""
+Mixing = Literal["gene", "pose"]
+Progress = Callable[[int, float, Array], None]
+"""Told the generation (0 is the start), the best fitness so far, and the plan that has it, (N, dof)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +80,7 @@ def genetic(
     rng: np.random.Generator,
     *,
     coding: Coding = "binary",
+    mixing: Mixing = "gene",
     bits: int = 8,
     population: int = 200,
     generations: int = 200,
@@ -93,6 +95,8 @@ def genetic(
         or mm.
         rng: source of all randomness. bits: per joint variable, for the binary codings.
         violation: (P, poses, dof) -> (P,), at most 0 for a feasible plan; see `symcal.planning.constraints`.
+        mixing: what crossover exchanges between two plans: single genes as in the paper, or whole poses, which are then
+            as feasible in the child as they were in the parents.
         start: plans to begin with, shape (K, poses, dof); the rest of the population, if any, is random.
         callback: told of every generation.
     Raises:
@@ -104,7 +108,13 @@ def genetic(
     from pymoo.problems.static import StaticProblem
 
     lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
-    _check(lower, upper, coding, {"poses": poses, "bits": bits, "population": population, "generations": generations})
+    _check(
+        lower,
+        upper,
+        coding,
+        mixing,
+        {"poses": poses, "bits": bits, "population": population, "generations": generations},
+    )
     dof = lower.size
     binary, gray = coding != "real", coding == "gray"
     shape = (poses, dof, bits) if binary else (poses, dof)
@@ -125,7 +135,7 @@ def genetic(
         xu=None if binary else np.tile(upper, poses),
         vtype=bool if binary else float,
     )
-    algorithm = _algorithm(genes.reshape(population, -1), population, binary)
+    algorithm = _algorithm(genes.reshape(population, -1), poses, binary, mixing)
     algorithm.setup(problem, termination=("n_gen", generations + 2), seed=int(rng.integers(2**31)), verbose=False)
     history, violations = np.empty(generations + 1), np.zeros(generations + 1)
     for generation in range(generations + 1):
@@ -139,7 +149,7 @@ def genetic(
         best = algorithm.pop[0]  # survival sorts by violation, then fitness
         history[generation], violations[generation] = best.F[0], max(best.CV[0], 0.0)
         if callback is not None:
-            callback(generation, float(best.F[0]))
+            callback(generation, float(best.F[0]), plans(best.X[None])[0])
     return GeneticResult(
         poses=plans(algorithm.pop[0].X[None])[0],
         fitness=float(history[-1]),
@@ -151,9 +161,11 @@ def genetic(
     )
 
 
-def _check(lower: Array, upper: Array, coding: str, counts: dict[str, int]) -> None:
+def _check(lower: Array, upper: Array, coding: str, mixing: str, counts: dict[str, int]) -> None:
     if coding not in get_args(Coding):
         raise InputError("unknown coding", key="coding", found=coding, allowed=get_args(Coding))
+    if mixing not in get_args(Mixing):
+        raise InputError("unknown kind of crossover", key="mixing", found=mixing, allowed=get_args(Mixing))
     if not (np.all(np.isfinite(lower)) and np.all(np.isfinite(upper)) and np.all(lower <= upper)):
         limits = ", ".join(f"[{a:g}, {b:g}]" for a, b in zip(lower, upper, strict=True))
         raise InputError(
@@ -171,21 +183,34 @@ def _finite(values: Array) -> Array:
     return np.nan_to_num(np.asarray(values, dtype=np.float64), nan=1e300, posinf=1e300, neginf=-1e300)
 
 
-def _algorithm(genes: Any, population: int, binary: bool) -> Any:
+def _algorithm(genes: Any, poses: int, binary: bool, mixing: Mixing) -> Any:
     from pymoo.algorithms.soo.nonconvex.ga import GA
     from pymoo.config import Config
+    from pymoo.core.crossover import Crossover
     from pymoo.operators.crossover.sbx import SBX
     from pymoo.operators.crossover.ux import UniformCrossover
     from pymoo.operators.mutation.bitflip import BitflipMutation
     from pymoo.operators.mutation.pm import PM
     from pymoo.operators.selection.tournament import TournamentSelection
+    from pymoo.util.misc import crossover_mask
+
+    class PoseCrossover(Crossover):  # type: ignore[misc]
+        """Exchange each pose of two plans with probability one half."""
+
+        def __init__(self) -> None:
+            super().__init__(2, 2)
+
+        def _do(self, _: Any, x: Any, random_state: Any = None, **__: Any) -> Any:
+            swap = random_state.random((x.shape[1], poses)) < 0.5
+            return crossover_mask(x, np.repeat(swap, x.shape[2] // poses, axis=1))
 
     Config.warnings["not_compiled"] = False  # its notice goes to the terminal, which is not ours to write on
+    by_gene = UniformCrossover() if binary else SBX()
     return GA(
-        pop_size=population,
+        pop_size=len(genes),
         sampling=genes,
         selection=TournamentSelection(func_comp=_fitter),
-        crossover=UniformCrossover() if binary else SBX(),
+        crossover=by_gene if mixing == "gene" else PoseCrossover(),
         mutation=BitflipMutation() if binary else PM(),
         eliminate_duplicates=False,  # costs more than everything else together
     )

@@ -1,4 +1,4 @@
-"""Random feasible poses, by rejection."""
+"""Random feasible poses, and how much of the working area each constraint leaves."""
 
 from __future__ import annotations
 
@@ -8,49 +8,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
-from symcal.planning.area import WorkingArea
+from symcal.planning.area import WorkingArea, draw
 from symcal.planning.constraints import ROUNDING, Constraint, feasible
 
 Array = NDArray[np.float64]
 
-_DRAWS = 4096  # poses per round: enough to keep the kernels busy, little enough for the caches
-_HITS = 5  # feasible poses that must be found for the share to count as known
+_EVEN = 4096  # poses, spread evenly over the area, from which shares are taken
+
+
+def feasible_shares(area: WorkingArea, constraints: Sequence[Constraint]) -> tuple[float, dict[str, float]]:
+    """Share of the working area in which all constraints hold, and in which each of them alone does, by name."""
+    poses = area.even(_EVEN)
+    alone = {c.name: float(np.mean(c.violation(poses) <= ROUNDING)) for c in constraints}
+    return float(np.mean(feasible(constraints)(poses))), alone
 
 
 def feasible_poses(
-    rng: np.random.Generator,
-    area: WorkingArea,
-    constraints: Sequence[Constraint],
-    count: int,
-    *,
-    snap: float = 0.0,
-    least_share: float = 1e-4,
+    rng: np.random.Generator, area: WorkingArea, constraints: Sequence[Constraint], count: int, *, snap: float = 0.0
 ) -> Array:
-    """``count`` independent poses that satisfy all constraints, uniform over the feasible part of the area.
+    """Poses that satisfy all constraints, independent and uniform over the feasible part of the area, by rejection.
 
     Args:
         snap: share of coordinates put at the area's limits (`WorkingArea.snapped`); 0 for uniform poses.
-        least_share: give up when the feasible share of the area is smaller than this.
     Returns:
         shape (count, dof), rad and mm.
     Raises:
-        RefusedError: too little of the area is feasible; says how much each constraint takes away.
+        RefusedError: too little of the area is feasible; says how much each constraint leaves.
     """
-    allowed = feasible(constraints)
-    found: list[Array] = []
-    kept = drawn = 0
-    while kept < count:
-        poses = area.snapped(rng, _DRAWS, snap) if snap > 0 else area.sample(rng, _DRAWS)
-        good = poses[allowed(poses)]
-        found.append(good)
-        kept, drawn = kept + len(good), drawn + _DRAWS
-        if drawn * least_share > _HITS and kept < drawn * least_share:
-            raise RefusedError(_explain(constraints, area.sample(rng, _DRAWS), kept, drawn))
-    return np.concatenate(found)[:count] if found else np.zeros((0, area.dof))
-
-
-def _explain(constraints: Sequence[Constraint], poses: Array, kept: int, drawn: int) -> str:
-    shares = [(float(np.mean(c.violation(poses) <= ROUNDING)), c.name) for c in constraints]
-    listed = ", ".join(f"'{name}' alone holds for {share:.2%}" for share, name in sorted(shares))
-    amount = f"{kept} of {drawn} random poses are feasible" if kept else f"none of {drawn} random poses is feasible"
-    return f"{amount}: {listed} of the working area. Move the camera or the target, or loosen a constraint."
+    try:
+        return draw(area, rng, count, feasible(constraints), share=snap)
+    except RefusedError as refusal:
+        shares = sorted(feasible_shares(area, constraints)[1].items(), key=lambda item: item[1])
+        listed = ", ".join(f"'{name}' {share:.3g} %" for name, share in ((n, 100 * s) for n, s in shares))
+        raise RefusedError(
+            f"{refusal}. Shares of the working area where each constraint alone holds: {listed}"
+        ) from None

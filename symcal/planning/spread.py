@@ -17,13 +17,13 @@ PlanFunction = Callable[[Array], Array]
 
 
 def pose_distance(a: Array, b: Array, area: WorkingArea) -> Array:
-    """Distance of poses in shares of the working area: the root mean square over joints of |dq| / span, 0 to 1.
+    """Distance of poses in the units of the working area: the Euclidean norm of their difference as shares of its
+    spans.
 
     Args:
         a, b: shapes (..., dof) that broadcast.
     """
-    span = np.where(area.span > 0, area.span, np.inf)
-    return np.asarray(np.sqrt(np.mean(((a - b) / span) ** 2, axis=-1)))
+    return np.asarray(np.linalg.norm(area.unit(a) - area.unit(b), axis=-1))
 
 
 def nearest_distance(poses: Array, area: WorkingArea) -> Array:

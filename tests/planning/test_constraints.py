@@ -23,7 +23,7 @@ from symcal.planning.constraints import (
     plan_violation,
     with_fixed,
 )
-from symcal.planning.sampling import feasible_poses
+from symcal.planning.sampling import feasible_poses, feasible_shares
 from symcal.planning.skeleton import skeleton
 from symcal.planning.spread import apart, away_from, coverage, nearest_distance, pose_distance
 from symcal.planning.visibility import visibility
@@ -252,11 +252,17 @@ def test_sampler_is_uniform_over_the_feasible_part():
     np.testing.assert_allclose(np.quantile(share, [0.25, 0.5, 0.75]), [0.25, 0.5, 0.75], atol=0.015)
 
 
+def test_shares_of_the_area_that_constraints_leave():
+    half = Constraint("elbow below a right angle", "rad", lambda q: q[:, 3] - np.pi / 2)
+    low = Constraint("lift below a quarter", "mm", lambda q: q[:, 1] - 975.0)
+    whole, alone = feasible_shares(AREA, [half, low])
+    assert alone == pytest.approx({half.name: 90 / 175, low.name: 0.25}, abs=0.01)
+    assert whole == pytest.approx(0.25 * 90 / 175, abs=0.01)
+
+
 def test_sampler_says_which_constraint_leaves_nothing():
     hopeless = Constraint("tool on the moon", "mm", lambda q: np.full(len(q), 3.8e11))
-    with pytest.raises(
-        RefusedError, match=r"none of .* random poses is feasible: 'tool on the moon' alone holds for 0"
-    ):
+    with pytest.raises(RefusedError, match=r"only 0 of .* alone holds: 'tool on the moon' 0 %, 'joint 1"):
         feasible_poses(np.random.default_rng(0), AREA, [*LIMITS, hopeless], 5)
 
 
@@ -264,13 +270,13 @@ def test_sampler_says_which_constraint_leaves_nothing():
 
 
 def test_distance_of_poses_is_a_share_of_the_area(rng):
-    assert pose_distance(AREA.lower, AREA.upper, AREA) == pytest.approx(1.0)
+    assert pose_distance(AREA.lower, AREA.upper, AREA) == pytest.approx(np.sqrt(5))
     one_joint = AREA.lower.copy()
     one_joint[1] = AREA.upper[1]
-    assert pose_distance(AREA.lower, one_joint, AREA) == pytest.approx(1 / np.sqrt(5))
+    assert pose_distance(AREA.lower, one_joint, AREA) == pytest.approx(1.0)
     plan = AREA.sample(rng, 6)
     unit = AREA.unit(plan)
-    gaps = np.sqrt(np.mean((unit[:, None] - unit[None]) ** 2, axis=-1))
+    gaps = np.linalg.norm(unit[:, None] - unit[None], axis=-1)
     expected = [min(row[j] for j in range(6) if j != i) for i, row in enumerate(gaps)]
     np.testing.assert_allclose(nearest_distance(plan, AREA), expected)
 

@@ -12,8 +12,10 @@ from symcal.errors import InputError
 from symcal.kinematics import forward
 from symcal.measurements import Setup, position
 from symcal.planning.area import working_area
+from symcal.planning.criteria import criterion
 from symcal.planning.fitness import Reading, Weights, condition_numbers, paper_fitness, sound_fitness
 from symcal.planning.information import pose_information
+from symcal.planning.region import TaskRegion, region_accuracy
 
 SIGMA = 0.1 / np.sqrt(3)
 MODEL = handling_chain()
@@ -130,40 +132,49 @@ def test_sound_fitness_is_that_of_the_stacked_jacobian(info):
     plans = AREA.sample(np.random.default_rng(1), 120).reshape(3, 40, 5)
     sample = AREA.even(2000)
     mean = np.mean([row.T @ row for row in info.rows(sample)], axis=0)
+    by_error = criterion("I", accuracy=region_accuracy(info, TaskRegion(sample)))
     for plan, d, condition, predicted in zip(
         plans,
-        sound_fitness(info, "D")(plans),
-        sound_fitness(info, "condition")(plans),
-        sound_fitness(info, "I")(plans),
+        sound_fitness(info, criterion("D"))(plans),
+        sound_fitness(info, criterion("cond"), whitened=True)(plans),
+        sound_fitness(info, by_error)(plans),
         strict=True,
     ):
         stacked = np.vstack(list(info.rows(plan)))
         values = np.linalg.svd(stacked, compute_uv=False)
         assert d == pytest.approx(-2 * np.sum(np.log(values)) / info.rank)
         relative = np.linalg.eigvals(np.linalg.solve(mean, stacked.T @ stacked)).real
-        assert condition == pytest.approx(np.sqrt(relative.max() / relative.min()), rel=1e-6)
+        assert condition == pytest.approx(0.5 * np.log(relative.max() / relative.min()), rel=1e-6)
         covariance = np.linalg.inv(stacked.T @ stacked)
-        # error of the model at the poses of the area, in units of the noise per component
-        rms = np.sqrt(np.mean([np.trace(row @ covariance @ row.T) / 3 for row in info.rows(sample)]))
-        assert predicted == pytest.approx(rms, rel=1e-6)
+        square = np.mean([np.trace(row @ covariance @ row.T) for row in info.rows(sample)]) * SIGMA**2
+        assert predicted == pytest.approx(np.log(square), rel=1e-6)
+
+
+def test_sound_fitness_counts_what_is_known_besides_the_plan(info):
+    poses = AREA.sample(np.random.default_rng(1), 50)
+    fixed = info.total(poses[:10])
+    merit = criterion("D")
+    rest = sound_fitness(info, merit, fixed=fixed)(poses[None, 10:])
+    np.testing.assert_allclose(rest, sound_fitness(info, merit)(poses[None]))
 
 
 def test_sound_fitness_takes_camera_terms_into_account(info):
     plans = AREA.sample(np.random.default_rng(1), 80).reshape(2, 40, 5)
     weights = Weights(1.0, 3.0, -1e-4)
-    bare = sound_fitness(info)(plans)
+    merit = criterion("D")
+    bare = sound_fitness(info, merit)(plans)
     terms = paper_fitness(VIEW, np.eye(15), Weights(0.0, 3.0, -1e-4))(plans)
-    np.testing.assert_allclose(sound_fitness(info, view=VIEW, weights=weights)(plans), bare + terms)
+    np.testing.assert_allclose(sound_fitness(info, merit, view=VIEW, weights=weights)(plans), bare + terms)
     with pytest.raises(InputError, match="camera"):
-        sound_fitness(info, weights=weights)
+        sound_fitness(info, merit, weights=weights)
 
 
 def test_one_pose_forty_times_is_no_plan(info):
     plan = np.repeat(AREA.sample(np.random.default_rng(1), 1), 40, axis=0)[None]
     usual = AREA.sample(np.random.default_rng(2), 40)[None]
-    assert sound_fitness(info, "D")(plan)[0] > sound_fitness(info, "D")(usual)[0] + 5
-    for criterion in ("condition", "I"):
-        assert sound_fitness(info, criterion)(plan)[0] > 1e3 * sound_fitness(info, criterion)(usual)[0]
+    for name in ("D", "cond", "E"):
+        score = sound_fitness(info, criterion(name))
+        assert score(plan)[0] > score(usual)[0] + 5
 
 
 @pytest.mark.parametrize("k", [2, 3, 5])

@@ -66,11 +66,12 @@ def test_global_random_state_is_neither_used_nor_changed():
 @pytest.mark.parametrize("coding", CODINGS)
 def test_best_never_gets_worse_and_is_what_is_returned(coding):
     told = []
-    result = run(coding, callback=lambda generation, best: told.append((generation, best)))
+    result = run(coding, callback=lambda generation, best, poses: told.append((generation, best, bowl(poses[None])[0])))
     assert result.history.shape == (31,)
     assert np.all(np.diff(result.history) <= 0)
     assert result.fitness == result.history[-1] == pytest.approx(float(bowl(result.poses[None])[0]), abs=1e-15)
-    assert told == list(enumerate(result.history))
+    assert [entry[:2] for entry in told] == list(enumerate(result.history))
+    np.testing.assert_allclose([entry[2] for entry in told], result.history, atol=1e-15)
     assert np.all((result.poses >= LOWER) & (result.poses <= UPPER))
     assert result.violation == 0
     assert result.evaluations == 40 * 31
@@ -97,6 +98,22 @@ def test_feasible_plans_win_over_better_ones(coding):
     assert result.violation == 0
     assert np.all(result.poses[:, 1] >= 1000.0)
     assert np.all(np.diff(result.violations) <= 0)
+
+
+@pytest.mark.parametrize("coding", CODINGS)
+def test_exchanging_poses_makes_no_new_ones_without_mutation(coding):
+    values = decode(np.random.default_rng(0).random((40, 4, 3, 8)) < 0.5, LOWER, UPPER)
+
+    def violation(plans):  # any pose that is not one of the start's is infeasible
+        poses = plans.reshape(-1, 1, 3)
+        known = np.abs(poses - values.reshape(1, -1, 3)).max(axis=2).min(axis=1) < 1e-9
+        return (~known).reshape(plans.shape[:2]).sum(axis=1).astype(float)
+
+    result = run(coding, start=values, mixing="pose", violation=violation)
+    assert result.violation == 0
+    assert result.fitness < result.history[0]
+    # by gene, hardly any child is made of known poses
+    assert run(coding, start=values, violation=violation).fitness > result.fitness
 
 
 def test_plans_without_a_value_lose():
@@ -126,7 +143,13 @@ def test_a_held_joint_stays_where_it_is():
 
 @pytest.mark.parametrize(
     ("arguments", "word"),
-    [({"coding": "hex"}, "coding"), ({"bits": 0}, "bits"), ({"bits": 60}, "bits"), ({"population": 1}, "population")],
+    [
+        ({"coding": "hex"}, "coding"),
+        ({"mixing": "soup"}, "mixing"),
+        ({"bits": 0}, "bits"),
+        ({"bits": 60}, "bits"),
+        ({"population": 1}, "population"),
+    ],
 )
 def test_says_what_it_cannot_run(arguments, word):
     with pytest.raises(InputError) as caught:

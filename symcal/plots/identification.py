@@ -1,0 +1,40 @@
+"""All figures of an identification, in the order of its report."""
+
+from __future__ import annotations
+
+from symcal import uncertainty
+from symcal.dataset import Dataset
+from symcal.identify import Calibration
+from symcal.plots.convergence import convergence
+from symcal.plots.parameters import correlation_matrix, parameter_corrections
+from symcal.plots.prediction import predicted_error
+from symcal.plots.residuals import error_distribution, errors_per_pose, residuals_per_axis
+from symcal.plots.spectrum import singular_values
+from symcal.plots.style import Comparison, Illustration
+
+
+def identification_figures(calibration: Calibration, data: Dataset, errors: Comparison) -> tuple[Illustration, ...]:
+    """The figures that say what an identification is worth.
+
+    Args:
+        data: the measurements with their splits.
+        errors: by part (`train`; `test`, `cross_validation`, `truth` where there are any) and state, as `evaluate.compare` gives them.
+    """
+    parts = {name: data.part(name) for name in ("train", "test") if name in data.split}
+    labels = {name: part.labels for name, part in parts.items()}
+    judged = next(part for part in ("test", "cross_validation", "train") if errors.get(part))
+    figures = [
+        errors_per_pose(errors, labels),
+        error_distribution(errors[judged], judged),
+        residuals_per_axis(errors),
+        parameter_corrections(calibration),
+        convergence(calibration, parts),
+        singular_values(calibration.after.identifiability),
+    ]
+    if errors.get("truth"):
+        figures.insert(2, error_distribution(errors["truth"], "truth", name="true_error_distribution"))
+    if sum(s is not None for s in uncertainty.sigmas(calibration.after.identifiability)) > 1:
+        figures.append(correlation_matrix(calibration.after))
+    if errors.get("test"):
+        figures.append(predicted_error(calibration, parts["test"], errors["test"]["after"]))
+    return tuple(figures)

@@ -1,0 +1,80 @@
+"""Whether the errors are as large as the identification itself expects."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from symcal.dataset import Dataset
+from symcal.evaluate import Errors, expected_position_rms
+from symcal.identify import Calibration
+from symcal.plots.residuals import per_pose
+from symcal.plots.style import FAINT, INK, NARROW, Illustration, grid, print_settings, settle, sheet
+from symcal.words import number, plural
+
+Array = NDArray[np.float64]
+
+
+def predicted_error(calibration: Calibration, data: Dataset, after: Errors) -> Illustration:
+    """Realised position error of held-out poses over the predicted one, with the noise of the measurement in both.
+
+    Predicted is sqrt(tr(J C J^T) + tr Sigma), per point; the 95 % limit takes the components as independent and alike, which is ours.
+
+    Args:
+        data: held-out measurements. after: the errors of the identified robot on them.
+    """
+    fit = calibration.after
+    expected = expected_position_rms(calibration.model, fit, data.q)
+    predicted = np.sqrt(expected**2 + _noise(calibration, data) ** 2)
+    poses, realised = per_pose(after.position, after.pose)
+    predicted, expected = predicted[poses], expected[poses]
+    components = 3 * np.bincount(np.unique(after.pose, return_inverse=True)[1])
+    limit = np.sqrt(stats.chi2.ppf(0.95, components) / components)
+    inside = realised <= predicted * limit
+    with print_settings():
+        figure = sheet(NARROW, 62)
+        axes = figure.add_subplot()
+        low, high = float(predicted.min()), float(predicted.max())
+        margin = 0.06 * (high - low) or 0.05 * high
+        line = np.array([low - margin, high + margin])
+        axes.plot(line, line, color=INK, linewidth=0.8, label="as predicted (rms)")
+        axes.plot(
+            line,
+            line * float(np.median(limit)),
+            color=FAINT,
+            linewidth=0.8,
+            linestyle="--",
+            label="95 % should be below",
+        )
+        axes.plot(predicted[inside], realised[inside], linestyle="none", marker="o", color="#00517F", markersize=2.6)
+        axes.plot(
+            predicted[~inside],
+            realised[~inside],
+            linestyle="none",
+            marker="D",
+            color="#D55E00",
+            markerfacecolor="white",
+            markersize=2.8,
+        )
+        axes.set_xlim(line[0], line[1])
+        axes.set_ylim(0, 1.15 * max(float(realised.max()), float((line * np.median(limit)).max())))
+        axes.set(xlabel="predicted rms position error / mm", ylabel="measured error / mm")
+        grid(axes, "both")
+        axes.legend(loc="upper left", fontsize=6)
+    caption = (
+        f"Measured against predicted position error of {plural(len(poses), 'held-out pose')}: {number(100 * float(inside.mean()), 2)} % are below the 95 % limit, "
+        f"and the rms is {number(float(np.sqrt(np.mean(realised**2))))} mm where {number(float(np.sqrt(np.mean(predicted**2))))} mm was predicted. Of that, the "
+        f"uncertainty of the parameters alone makes {number(float(np.sqrt(np.mean(expected**2))))} mm; the rest is noise as the training data show it."
+    )
+    return Illustration(settle(figure), "predicted_error", "Was the error to be expected?", caption)
+
+
+def _noise(calibration: Calibration, data: Dataset) -> Array:
+    """Rms norm of the measurement's noise per point, shape (N,), mm."""
+    columns = list(calibration.model.measurement.groups[0].columns)
+    sigma = np.full((len(data), len(columns)), calibration.after.sigmas.get("position", np.nan))
+    if data.sigma is not None:
+        given = data.sigma[:, columns]
+        sigma = np.where(np.isfinite(given), given, sigma)
+    return np.asarray(np.sqrt(3 * np.nanmean(sigma**2, axis=1)))

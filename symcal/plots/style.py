@@ -1,0 +1,147 @@
+"""How figures look: sizes for print, and colours that survive colour blindness and grey copies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from symcal.evaluate import Errors
+
+Comparison = Mapping[str, Mapping[str, Errors]]
+"""Errors by part of the data (`train`, `test`, `cross_validation`, ...) and by state (`before`, `after`, ...)."""
+
+NARROW, WIDE = 85.0, 170.0
+"""Widths of one and of two columns of a page, mm."""
+
+INK, FAINT, RULE = "#1a1a1a", "#8a8a8a", "#d9d9d9"
+
+_SETTINGS: dict[str, Any] = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "mathtext.fontset": "dejavusans",
+    "font.size": 7.0,
+    "axes.labelsize": 7.0,
+    "axes.titlesize": 7.0,
+    "axes.titlelocation": "left",
+    "axes.titlepad": 4.0,
+    "xtick.labelsize": 6.5,
+    "ytick.labelsize": 6.5,
+    "legend.fontsize": 6.5,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "axes.linewidth": 0.5,
+    "xtick.major.width": 0.5,
+    "ytick.major.width": 0.5,
+    "xtick.minor.width": 0.35,
+    "ytick.minor.width": 0.35,
+    "xtick.major.size": 2.5,
+    "ytick.major.size": 2.5,
+    "xtick.minor.size": 1.5,
+    "ytick.minor.size": 1.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "grid.color": RULE,
+    "grid.linewidth": 0.4,
+    "lines.linewidth": 1.0,
+    "lines.markersize": 3.0,
+    "lines.markeredgewidth": 0.6,
+    "hatch.linewidth": 0.4,
+    "legend.frameon": False,
+    "legend.handlelength": 1.8,
+    "legend.borderaxespad": 0.2,
+    "legend.columnspacing": 1.4,
+    "pdf.fonttype": 42,
+    "text.usetex": False,
+    "axes.unicode_minus": True,
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Illustration:
+    """A figure with what it says.
+
+    name: of its files, without suffix. title: a few words. caption: what it shows, with numbers computed from what is drawn.
+    """
+
+    figure: Figure
+    name: str
+    title: str
+    caption: str
+
+    @property
+    def width_mm(self) -> float:
+        return float(self.figure.get_figwidth() * 25.4)
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """How a state of the robot is drawn everywhere: from light to dark as the model gets better."""
+
+    label: str
+    color: str
+    marker: str
+    line: str
+    hollow: bool
+
+
+LOOKS: dict[str, Look] = {
+    "before_raw": Look("nominal, frames as given", "#999999", "x", ":", True),
+    "before": Look("before: nominal, frames fitted", "#E69F00", "o", "--", True),
+    "offsets_only": Look("joint offsets only", "#009E73", "^", "-.", True),
+    "after": Look("after: all that is identifiable", "#00517F", "o", "-", False),
+}
+"""Orange, green and blue of [OkabeIto2008], the blue darkened so that lightness alone tells the three apart."""
+
+PARTS: dict[str, str] = {
+    "train": "training",
+    "test": "held-out",
+    "cross_validation": "cross-validated",
+    "truth": "simulated true",
+}
+
+
+@contextmanager
+def print_settings() -> Iterator[None]:
+    """matplotlib's settings for print, and the ones before when left; needed to draw and again to write a file."""
+    with matplotlib.rc_context(_SETTINGS):
+        yield
+
+
+def sheet(width: float, height: float) -> Figure:
+    """An empty figure of a size in mm, outside matplotlib's global state."""
+    return Figure(figsize=(width / 25.4, height / 25.4), layout="constrained")
+
+
+def settle(figure: Figure) -> Figure:
+    """Lay the figure out once and for all, so that writing it in several formats does not do it again."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        with print_settings():
+            engine.execute(figure)
+    figure.set_layout_engine("none")
+    return figure
+
+
+def grid(axes: Axes, axis: str = "y") -> None:
+    axes.grid(True, axis=axis)  # type: ignore[arg-type]
+    axes.tick_params(which="both", direction="out")
+
+
+def marks(look: Look) -> dict[str, Any]:
+    """Keyword arguments for markers of a state, without a line."""
+    return {
+        "linestyle": "none",
+        "marker": look.marker,
+        "color": look.color,
+        "markerfacecolor": "white" if look.hollow else look.color,
+    }

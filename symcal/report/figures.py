@@ -1,0 +1,34 @@
+"""Illustrations as files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from symcal.errors import InputError
+from symcal.plots import Illustration, print_settings
+from symcal.report.render import Picture
+
+PIXELS_PER_INCH = 200
+
+
+def save_figure(illustration: Illustration, folder: Path | str) -> Picture:
+    """Write an illustration as PDF and PNG; the same figure gives the same bytes.
+
+    Raises:
+        InputError: the files cannot be written.
+    """
+    target = Path(folder) / f"{illustration.name}.pdf"
+    try:
+        with print_settings():
+            illustration.figure.savefig(target, metadata={"CreationDate": None})
+            illustration.figure.savefig(target.with_suffix(".png"), dpi=PIXELS_PER_INCH)
+    except OSError as error:
+        raise InputError(f"the figure cannot be written: {error.strerror}", file=target) from None
+    return Picture(target, illustration.name, illustration.width_mm, illustration.title, illustration.caption)
+
+
+def save_figures(illustrations: Iterable[Illustration], folder: Path | str) -> tuple[Picture, ...]:
+    """Write several, into a folder that is made if there is none."""
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    return tuple(save_figure(illustration, folder) for illustration in illustrations)

@@ -105,7 +105,7 @@ def optimal_weights(criterion: Criterion, matrices: Array, ground: Array, weight
     for _ in range(_MULTIPLICATIVE):
         gain = gains(criterion.slope(total(w)))
         if gain.max() < 1.0 + tolerance:
-            return w
+            return np.asarray(w)
         w = w * np.maximum(gain, 0.0) ** criterion.power
         w = w / w.sum()
     for _ in range(_EXCHANGES):
@@ -118,7 +118,7 @@ def optimal_weights(criterion: Criterion, matrices: Array, ground: Array, weight
         step = _step(criterion, matrix, (flat[up] - flat[down]).reshape(n, n), float(w[down]))
         w[up] += step
         w[down] = max(w[down] - step, 0.0)
-    return w
+    return np.asarray(w)
 
 
 def _step(criterion: Criterion, matrix: Array, direction: Array, longest: float) -> float:

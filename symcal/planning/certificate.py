@@ -119,17 +119,26 @@ def certify(
     )
 
 
-def smallest_weighted_variance(
-    info: PoseInformation, weight: Array, design: ApproximateDesign, where: FeasibleSet, rng: np.random.Generator
+def smallest_variance(
+    info: PoseInformation,
+    weight: Array,
+    matrix: Array,
+    ground: Array,
+    where: FeasibleSet,
+    rng: np.random.Generator,
 ) -> float:
-    """A lower bound of tr(W M^-1) over the mean information per pose of all plans, for a symmetric W >= 0.
+    """A lower bound of tr(W M^-1) over the mean information M per pose of all plans on a feasible set.
 
-    tr(W M^-1) >= tr(W M_a^-1)^2 / max_x tr(M_a^-1 W M_a^-1 I(x)), for any M_a; tight where M_a is optimal for W.
+    tr(W M^-1) >= tr(W M_a^-1)^2 / (max_x tr(M_a^-1 W M_a^-1 I(x)) + tr(M_a^-1 W M_a^-1 P/N)) for every M_a; tight
+    where M_a is optimal for W.
+
+    Args:
+        weight: W, symmetric, not negative, shape (n, n). matrix: M_a. ground: P/N.
     """
-    inverse = np.linalg.inv(design.matrix)
-    middle = inverse @ weight @ inverse
+    inverse = np.linalg.inv(matrix)
+    middle = np.asarray(inverse @ weight @ inverse)
     values, _ = largest(info.function, middle, where, rng)
-    return float(np.sum(weight * inverse) ** 2 / values[0])
+    return float(np.sum(weight * inverse) ** 2 / (values[0] + np.sum(middle * ground)))
 
 
 def _starting_atoms(info: PoseInformation, where: FeasibleSet, poses: Array) -> Array:

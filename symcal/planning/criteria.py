@@ -105,7 +105,7 @@ def criterion(name: str, *, poses: int = 1, accuracy: Accuracy | None = None) ->
 
 def _eigenvalues(m: Array) -> Array:
     """Ascending, shape (..., n), not below zero."""
-    return np.maximum(np.linalg.eigvalsh(m), 0.0)
+    return np.asarray(np.maximum(np.linalg.eigvalsh(m), 0.0))
 
 
 def _smallest(m: Array) -> Array:

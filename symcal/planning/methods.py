@@ -1,0 +1,209 @@
+"""Search methods for a plan, by name: each takes a task and returns poses.
+
+random      poses uniform over the feasible set
+exchange    greedy choice and exchange over a pool with coordinates snapped to limits
+refine      gradient refinement of random plans, the best of several starts
+combined    exchange, then refinement
+certified   the same, then both again with the poses of an optimal approximate design in the pool
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symcal.errors import RefusedError
+from symcal.planning.approximate import optimal_design
+from symcal.planning.area import Feasible, draw
+from symcal.planning.criteria import Criterion
+from symcal.planning.exchange import Pool, exchange
+from symcal.planning.information import PoseInformation
+from symcal.planning.maximum import FeasibleSet
+from symcal.planning.refine import refine
+
+Array = NDArray[np.float64]
+Report = Callable[[Array], None]
+"""Told every plan on the way, shape (count, dof)."""
+
+STARTS = 8  # random plans that the method `refine` starts from
+
+_NEIGHBOURS = 24  # feasible neighbours of each pose in a local exchange
+_RADII = (0.1, 0.03, 0.01)  # of the working area
+_GAIN = 1e-6  # of the score: less is not worth another round
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What is to be planned.
+
+    count: poses to find, beyond those that are required. fixed: information of priors and required poses, shape (n, n).
+    where: the feasible set with a dense sample; a finite one (area None) are candidates, each to be taken once.
+    required: shape (k, dof). distance: smallest distance between any two poses, in units of the working area.
+    """
+
+    info: PoseInformation
+    criterion: Criterion
+    count: int
+    fixed: Array
+    where: FeasibleSet
+    required: Array
+    distance: float = 0.0
+
+    @property
+    def feasible(self) -> Feasible | None:
+        return self.where.feasible
+
+    @property
+    def finite(self) -> bool:
+        return self.where.area is None
+
+    @property
+    def keep_off(self) -> Array:
+        return self.info.area.unit(self.required)
+
+    def score(self, poses: Array) -> float:
+        rows = self.info.rows(poses).reshape(-1, self.info.rank)
+        return float(self.criterion.score(self.fixed + rows.T @ rows))
+
+    def pool(self, poses: Array) -> Pool:
+        """Poses as a pool; those without finite information are left out."""
+        rows = self.info.rows(poses)
+        usable = np.isfinite(rows).all(axis=(1, 2))
+        return Pool(poses[usable], rows[usable], self.info.area.unit(poses[usable]))
+
+
+def fewest_poses(info: PoseInformation) -> int:
+    """Poses that give as many numbers as there are directions which priors leave open."""
+    open_ = info.rank - int(np.linalg.matrix_rank(info.prior))
+    return max(-(-open_ // info.components), 1)
+
+
+Method = Callable[[Task, np.random.Generator, Report], Array]
+
+
+def random_plan(task: Task, rng: np.random.Generator, report: Report) -> Array:
+    """Uniform over the feasible set; with a distance, those that come too near to an earlier one are passed over."""
+    if task.distance == 0:
+        poses = _random(task, rng, task.count)
+        report(poses)
+        return poses
+    tries = _random(task, rng, len(task.where.sample) if task.finite else 50 * task.count)
+    taken = list(task.keep_off)
+    kept: list[Array] = []
+    for pose, unit in zip(tries, task.info.area.unit(tries), strict=True):
+        if len(kept) < task.count and all(np.linalg.norm(unit - other) >= task.distance for other in taken):
+            kept.append(pose)
+            taken.append(unit)
+    if len(kept) < task.count:
+        raise RefusedError(f"only {len(kept)} of {task.count} poses found at a distance of {task.distance:g}")
+    report(np.array(kept))
+    return np.array(kept)
+
+
+def _random(task: Task, rng: np.random.Generator, count: int) -> Array:
+    if task.where.area is None:
+        if count > len(task.where.sample):
+            raise RefusedError(f"{count} poses are wanted, and there are {len(task.where.sample)} candidates")
+        return task.where.sample[rng.permutation(len(task.where.sample))[:count]]
+    return draw(task.where.area, rng, count, task.feasible)
+
+
+def exchange_plan(task: Task, rng: np.random.Generator, report: Report) -> Array:
+    """Exchange over the feasible set's sample."""
+    del rng  # the sample is the only randomness
+    return _exchange(task, task.pool(task.where.sample), None, report)
+
+
+def refine_plan(task: Task, rng: np.random.Generator, report: Report) -> Array:
+    """The best of several random plans, each refined by its gradient."""
+    if task.finite:
+        raise RefusedError("candidates are a finite set: 'refine' has nothing to move; use 'exchange' or 'certified'")
+    plans = [_refine(task, random_plan(task, rng, report), report) for _ in range(STARTS)]
+    return max(plans, key=task.score)
+
+
+def combined_plan(task: Task, rng: np.random.Generator, report: Report) -> Array:
+    """Exchange over the sample, then refinement (none for candidates)."""
+    best = _exchange(task, task.pool(task.where.sample), None, report)
+    return best if task.finite else _polish(task, best, rng, report)
+
+
+def certified_plan(task: Task, rng: np.random.Generator, report: Report) -> Array:
+    """Exchange, refinement, and another round of both with the poses of the optimal approximate design in the pool."""
+    best = combined_plan(task, rng, report)
+    if task.finite:
+        return best
+    if task.criterion.concave and task.criterion.smooth and np.isfinite(task.score(best)):
+        ground = task.fixed / task.count
+        design = optimal_design(task.info, task.criterion, task.where, ground, best, rng, tolerance=5e-3)
+        atoms = design.poses[design.weights > 1e-4]
+        tried = _exchange(task, task.pool(np.concatenate([best, atoms])), len(best), report, repeats=True)
+        tried = _polish(task, tried, rng, report)
+        if task.score(tried) > task.score(best):
+            best = tried
+    return best
+
+
+def _exchange(task: Task, pool: Pool, keep: int | None, report: Report, *, repeats: bool = False) -> Array:
+    """Exchange over a pool, from its first ``keep`` poses as the plan, or from a greedy one."""
+    start = None if keep is None else np.arange(keep)
+    chosen = exchange(
+        pool,
+        task.criterion,
+        task.count,
+        task.fixed,
+        start=start,
+        repeats=repeats,
+        distance=task.distance,
+        keep_off=task.keep_off,
+        progress=lambda index, _: report(pool.poses[index]),
+    )
+    return pool.poses[chosen]
+
+
+def _refine(task: Task, poses: Array, report: Report) -> Array:
+    return refine(
+        task.info,
+        task.criterion,
+        poses,
+        task.fixed,
+        feasible=task.feasible,
+        distance=task.distance,
+        keep_off=task.keep_off,
+        progress=lambda at, _: report(at),
+    )
+
+
+def _polish(task: Task, poses: Array, rng: np.random.Generator, report: Report) -> Array:
+    """Gradient refinement; where constraints or kinks stop it, exchange among feasible neighbours of the poses."""
+    free = task.feasible is None and task.distance == 0
+    poses = _refine(task, poses, (lambda _: None) if not free else report)
+    report(poses)
+    if free and task.criterion.smooth:
+        return poses
+    for radius in _RADII:
+        before = task.score(poses)
+        area = task.info.area
+        step = rng.normal(size=(_NEIGHBOURS, *poses.shape)) * radius * area.span
+        near = area.clip(poses + step).reshape(-1, area.dof)
+        if task.feasible is not None:
+            near = near[task.feasible(near)]
+        poses = _exchange(task, task.pool(np.concatenate([poses, near])), len(poses), report, repeats=True)
+        if task.score(poses) < before + _GAIN:
+            continue
+        poses = _refine(task, poses, lambda _: None)
+        report(poses)
+    return poses
+
+
+METHODS: dict[str, Method] = {
+    "certified": certified_plan,
+    "combined": combined_plan,
+    "exchange": exchange_plan,
+    "refine": refine_plan,
+    "random": random_plan,
+}
+"""Search methods by name; others may be added."""

@@ -1,0 +1,208 @@
+"""How accurate N poses will make the robot, and how many are needed: predictions with a bound that no plan can beat."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symcal.errors import InputError, RefusedError
+from symcal.planning.area import Feasible
+from symcal.planning.criteria import criterion
+from symcal.planning.floor import error_floor
+from symcal.planning.information import PoseInformation
+from symcal.planning.maximum import FeasibleSet, feasible_set
+from symcal.planning.methods import METHODS, Task, fewest_poses
+from symcal.planning.prediction import Prediction, RandomPlans, predict, random_plans
+from symcal.planning.region import Accuracy, TaskRegion, area_region, region_accuracy
+
+Array = NDArray[np.float64]
+Figure = Literal["mean", "worst"]
+
+LARGEST_PLAN = 1000
+"""Poses beyond which `poses_needed` gives up: hardly anybody measures more."""
+
+_SAMPLE = 2500  # poses that stand for the feasible set: fewer than for one plan, since many are made here
+_CORRECTIONS = 4  # of the number that random plans need, which is found by the law 1/sqrt(N)
+
+
+@dataclass(frozen=True, slots=True)
+class Promise:
+    """Predicted rms position errors in mm against the number of poses, from noise alone.
+
+    counts: numbers of poses. Per number, over the region and at its worst pose: of the best plan found, the median of
+    random plans, and a bound that no plan is below (up to what the search of a maximum misses).
+    hidden_mm: what directions that the measurement cannot see may add to all of them.
+    """
+
+    counts: tuple[int, ...]
+    best_mean_mm: tuple[float, ...]
+    best_worst_mm: tuple[float, ...]
+    random_mean_mm: tuple[float, ...]
+    random_worst_mm: tuple[float, ...]
+    bound_mean_mm: tuple[float, ...]
+    bound_worst_mm: tuple[float, ...]
+    hidden_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class PosesNeeded:
+    """The answer to 'how many poses do I need for this error?'.
+
+    count: the smallest number for which a plan was found that keeps the target; poses: that plan, shape (count, dof),
+    and what it promises. at_least: fewer cannot do, whatever the plan.
+    random: poses with which the median of random plans keeps it; None if more than `LARGEST_PLAN`.
+    """
+
+    target_mm: float
+    figure: Figure
+    count: int
+    at_least: int
+    random: int | None
+    poses: Array
+    prediction: Prediction
+
+
+def promise(
+    info: PoseInformation,
+    counts: Sequence[int],
+    rng: np.random.Generator,
+    *,
+    method: str = "combined",
+    objective: str = "D",
+    region: TaskRegion | None = None,
+    aligned: bool = False,
+    feasible: Feasible | None = None,
+    random: int = 50,
+    progress: Callable[[int], None] | None = None,
+) -> Promise:
+    """Predicted errors of the best and of random plans for several numbers of poses.
+
+    Args:
+        counts: numbers of poses, each enough to determine what is identifiable. objective: a criterion. random: plans
+            per number. progress: told each number when it is done. Others: as for
+            `symcal.planning.search.select_poses`.
+    Raises:
+        RefusedError: a number of poses is too small.
+    """
+    for_setting, for_bound, *for_counts = rng.spawn(2 + len(counts))
+    accuracy, where = _setting(info, for_setting, region, aligned, feasible)
+    floor = error_floor(info, accuracy, where, for_bound)
+    best, others = [], []
+    for count, own in zip(counts, for_counts, strict=True):
+        if count < fewest_poses(info):
+            raise RefusedError(
+                f"{count} poses do not determine {info.rank} directions: take {fewest_poses(info)} or more"
+            )
+        task = _task(info, accuracy, where, objective, count)
+        best.append(predict(accuracy, info.total(METHODS[method](task, own, _nobody)), own))
+        others.append(random_plans(info, accuracy, task, floor.logdet_upper_bound, random, own))
+        if progress is not None:
+            progress(count)
+    return Promise(
+        counts=tuple(counts),
+        best_mean_mm=tuple(p.mean_pose_rms_mm for p in best),
+        best_worst_mm=tuple(p.worst_pose_rms_mm for p in best),
+        random_mean_mm=tuple(p.mean_pose_rms_mm for p in others),
+        random_worst_mm=tuple(p.worst_pose_rms_mm for p in others),
+        bound_mean_mm=tuple(floor.mean(count) for count in counts),
+        bound_worst_mm=tuple(floor.worst(count) for count in counts),
+        hidden_mm=accuracy.hidden_mm,
+    )
+
+
+def poses_needed(
+    info: PoseInformation,
+    target_mm: float,
+    rng: np.random.Generator,
+    *,
+    figure: Figure = "mean",
+    method: str = "combined",
+    objective: str | None = None,
+    region: TaskRegion | None = None,
+    aligned: bool = False,
+    feasible: Feasible | None = None,
+) -> PosesNeeded:
+    """How many poses bring the predicted error down to a target.
+
+    Args:
+        target_mm: largest rms position error wanted. figure: over the region, or at its worst pose.
+        objective: criterion of the plans; I for the mean and D for the worst when None. Others: as for `promise`.
+    Raises:
+        InputError: a target that is not positive.
+        RefusedError: more than `LARGEST_PLAN` poses would be needed.
+    """
+    if not target_mm > 0:
+        raise InputError("the target must be a positive length in mm", key="target", found=target_mm)
+    for_setting, for_bound, for_random, for_search = rng.spawn(4)
+    accuracy, where = _setting(info, for_setting, region, aligned, feasible)
+    floor = error_floor(info, accuracy, where, for_bound)
+    bound = floor.mean if figure == "mean" else floor.worst
+    at_least = next((n for n in range(fewest_poses(info), LARGEST_PLAN + 1) if bound(n) <= target_mm), None)
+    if at_least is None:
+        reached = (
+            f"{LARGEST_PLAN} poses cannot bring the {figure} error below {bound(LARGEST_PLAN):.3g} mm at this noise"
+        )
+        raise RefusedError(f"{reached}: measure more precisely, or ask for less")
+    objective = objective or ("I" if figure == "mean" else "D")
+
+    def attempt(count: int) -> tuple[Array, Prediction, float]:
+        task = _task(info, accuracy, where, objective, count)
+        poses = METHODS[method](task, for_search, _nobody)
+        prediction = predict(accuracy, info.total(poses), for_search)
+        return poses, prediction, _figure(prediction, figure)
+
+    # upward by the law error ~ 1/sqrt(N) until a plan keeps the target, then down to the first number that fails
+    count, failed = at_least, at_least - 1
+    poses, prediction, error = attempt(count)
+    while error > target_mm:
+        failed = count
+        count = max(count + 1, math.ceil(count * min((error / target_mm) ** 2, 2.0)))
+        if count > LARGEST_PLAN:
+            raise RefusedError(f"no plan of {LARGEST_PLAN} poses or fewer was found that promises {target_mm:g} mm")
+        poses, prediction, error = attempt(count)
+    while count - 1 > failed:
+        fewer = attempt(count - 1)
+        if fewer[2] > target_mm:
+            break
+        count, (poses, prediction, error) = count - 1, fewer
+    needed: int | None = 2 * count
+    for _ in range(_CORRECTIONS):
+        task = _task(info, accuracy, where, objective, min(needed, LARGEST_PLAN) if needed else LARGEST_PLAN)
+        typical = random_plans(info, accuracy, task, floor.logdet_upper_bound, 100, for_random)
+        error = _figure(typical, figure)
+        # an infinite median: random plans of this size do not determine everything
+        needed = math.ceil(task.count * (error / target_mm) ** 2) if math.isfinite(error) else 2 * task.count
+    return PosesNeeded(
+        target_mm=target_mm,
+        figure=figure,
+        count=count,
+        at_least=at_least,
+        random=needed if needed is not None and needed <= LARGEST_PLAN else None,
+        poses=poses,
+        prediction=prediction,
+    )
+
+
+def _setting(
+    info: PoseInformation, rng: np.random.Generator, region: TaskRegion | None, aligned: bool, feasible: Feasible | None
+) -> tuple[Accuracy, FeasibleSet]:
+    region = area_region(info.area, rng, feasible=feasible) if region is None else region
+    return region_accuracy(info, region, aligned=aligned), feasible_set(info.area, rng, _SAMPLE, feasible)
+
+
+def _task(info: PoseInformation, accuracy: Accuracy, where: FeasibleSet, objective: str, count: int) -> Task:
+    merit = criterion(objective, poses=count, accuracy=accuracy)
+    return Task(info, merit, count, info.prior, where, np.zeros((0, info.area.dof)))
+
+
+def _figure(errors: Prediction | RandomPlans, figure: Figure) -> float:
+    return errors.mean_pose_rms_mm if figure == "mean" else errors.worst_pose_rms_mm
+
+
+def _nobody(poses: Array) -> None:
+    """Nobody follows these searches."""

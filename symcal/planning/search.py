@@ -1,0 +1,182 @@
+"""Plan the poses: choose a method, certify what it found, and put random plans beside it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symcal.errors import InputError, RefusedError
+from symcal.planning.area import Feasible
+from symcal.planning.certificate import Certificate, certify
+from symcal.planning.criteria import criterion as criterion_by_name
+from symcal.planning.information import PoseInformation
+from symcal.planning.maximum import FeasibleSet, feasible_set
+from symcal.planning.methods import METHODS, Task, fewest_poses
+from symcal.planning.prediction import Prediction, RandomPlans, predict, random_plans
+from symcal.planning.region import TaskRegion, area_region, region_accuracy
+
+Array = NDArray[np.float64]
+
+SAMPLE = 5000
+"""Poses that stand for the feasible set: the pool of an exchange, and where every search of a maximum starts."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Poses to measure, and what is known about them before anything is measured.
+
+    poses: shape (N, dof), rad and mm, required ones first. indices: their places in the candidates, None without
+    candidates. rank: n, directions that the plan determines. sigmas: the noise that was assumed, by group.
+    method, criterion, value: how it was found, and the criterion's value for it. history: (seconds, best value so far).
+    search_seconds: wall time of search and certificate.
+    """
+
+    poses: Array
+    indices: NDArray[np.intp] | None
+    rank: int
+    sigmas: dict[str, float]
+    method: str
+    criterion: str
+    value: float
+    history: tuple[tuple[float, float], ...]
+    search_seconds: float
+    certificate: Certificate
+    prediction: Prediction
+    random: RandomPlans | None
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+
+def select_poses(
+    info: PoseInformation,
+    count: int,
+    rng: np.random.Generator,
+    *,
+    method: str = "certified",
+    criterion: str = "D",
+    region: TaskRegion | None = None,
+    aligned: bool = False,
+    feasible: Feasible | None = None,
+    required: Array | None = None,
+    candidates: Array | None = None,
+    distance: float = 0.0,
+    sample: int = SAMPLE,
+    random: int = 200,
+    progress: Callable[[float, float], None] | None = None,
+) -> Plan:
+    """Choose poses to measure. The same generator state gives the same plan.
+
+    Args:
+        count: N, poses of the plan, required ones included. method: a name in `symcal.planning.methods.METHODS`.
+        criterion: a name in `symcal.planning.criteria.NAMES`.
+        region: where accuracy is predicted; the feasible part of the working area when None. aligned: see
+            `symcal.planning.region.region_accuracy`.
+        feasible: which poses can be measured, beyond the working area. required: poses that the user insists on, shape
+            (k, dof).
+        candidates: choose among these only, each at most once, shape (K, dof); the feasible set is then finite.
+        distance: smallest distance between two poses, in units of the working area (each joint's range is 1).
+        sample: poses that stand for the feasible set. random: plans to compare with; 0 for none.
+        progress: told seconds and the criterion's value whenever it improves.
+    Raises:
+        InputError: unknown method or criterion, or a required pose that is not feasible.
+        RefusedError: too few poses to determine what is identifiable, or no feasible ones.
+    """
+    if method not in METHODS:
+        raise InputError("no such search method", key="method", found=method, allowed=METHODS)
+    for_set, for_region, for_search, for_certificate, for_random = rng.spawn(5)
+    must = np.zeros((0, info.area.dof)) if required is None else np.asarray(required, dtype=np.float64)
+    _check(info, must, count, feasible)
+    region = area_region(info.area, for_region, feasible=feasible) if region is None else region
+    accuracy = region_accuracy(info, region, aligned=aligned)
+    merit = criterion_by_name(criterion, poses=count, accuracy=accuracy)
+
+    began = time.perf_counter()
+    where = _where(info, for_set, sample, feasible, candidates)
+    fixed = info.total(must) if len(must) else info.prior
+    task = Task(info, merit, count - len(must), fixed, where, must, distance)
+    history: list[tuple[float, float]] = []
+    best = -np.inf
+
+    def report(poses: Array) -> None:
+        nonlocal best
+        score = task.score(poses)
+        if score > best:
+            best = score
+            total = info.total(np.concatenate([must, poses]))
+            history.append((time.perf_counter() - began, float(merit.value(total))))
+            if progress is not None:
+                progress(*history[-1])
+
+    found = METHODS[method](task, for_search, report) if task.count else must[:0]
+    report(found)
+    poses = np.concatenate([must, found])
+    total = info.total(poses)
+    if not np.isfinite(np.linalg.cond(total)) or np.linalg.cond(total) > _SINGULAR:
+        raise RefusedError(
+            f"{count} poses of method '{method}' do not determine the {info.rank} identifiable directions"
+        )
+    certificate = certify(info, poses, merit, where, for_certificate)
+    seconds = time.perf_counter() - began
+
+    compared = None
+    if random:
+        compared = random_plans(info, accuracy, task, certificate.logdet_upper_bound, random, for_random)
+    return Plan(
+        poses=poses,
+        indices=None if candidates is None else _places(candidates, found),
+        rank=info.rank,
+        sigmas=dict(info.sigmas),
+        method=method,
+        criterion=criterion,
+        value=float(merit.value(total)),
+        history=tuple(history),
+        search_seconds=seconds,
+        certificate=certificate,
+        prediction=predict(accuracy, total, for_certificate),
+        random=compared,
+    )
+
+
+_SINGULAR = 1e14
+
+
+def _check(info: PoseInformation, required: Array, count: int, feasible: Feasible | None) -> None:
+    if count < max(len(required), 1):
+        raise InputError(
+            f"{len(required)} poses are required, which is more than the plan has", key="poses", found=count
+        )
+    if count < fewest_poses(info):
+        raise RefusedError(
+            f"{count} poses give {count * info.components} numbers, and {info.rank} directions are identifiable: "
+            f"take at least {fewest_poses(info)} poses"
+        )
+    robot = info.measurement.chain.robot
+    inside = ((required >= robot.lower - 1e-9) & (required <= robot.upper + 1e-9)).all(axis=1)
+    fits = inside if feasible is None or len(required) == 0 else inside & feasible(required)
+    if not fits.all():
+        which = ", ".join(str(i + 1) for i in np.flatnonzero(~fits))
+        raise InputError(f"required poses that cannot be measured: {which}", key="required")
+
+
+def _where(
+    info: PoseInformation, rng: np.random.Generator, sample: int, feasible: Feasible | None, candidates: Array | None
+) -> FeasibleSet:
+    if candidates is None:
+        return feasible_set(info.area, rng, sample, feasible)
+    possible = candidates if feasible is None else candidates[feasible(candidates)]
+    if len(possible) == 0:
+        raise RefusedError(f"none of the {len(candidates)} candidates is feasible")
+    return FeasibleSet(possible, None, feasible)
+
+
+def _places(candidates: Array, found: Array) -> NDArray[np.intp]:
+    """Places of the chosen poses in the candidates; of equal ones each is used once."""
+    rest: dict[bytes, list[int]] = {}
+    for i, pose in enumerate(candidates):
+        rest.setdefault(pose.tobytes(), []).append(i)
+    return np.array([rest[pose.tobytes()].pop(0) for pose in found], dtype=np.intp)

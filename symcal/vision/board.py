@@ -130,12 +130,24 @@ def _find_charuco(image: Image, board: Board) -> tuple[str, NDArray[np.intp], Fl
         corners, numbers, _, _ = cv2.aruco.CharucoDetector(charuco_board(board, legacy)).detectBoard(image)
         if numbers is not None and len(numbers) >= _LEAST:
             order = np.argsort(np.ravel(numbers))
+            indices = np.ravel(numbers)[order].astype(np.intp)
+            found = np.asarray(corners, dtype=np.float64).reshape(-1, 2)[order]
+            window = _charuco_window(board, indices, found)
             return (
                 method,
                 np.ravel(numbers)[order].astype(np.intp),
-                sub_pixel(image, np.asarray(corners, dtype=np.float64).reshape(-1, 2)[order], 5),
+                sub_pixel(image, found, window),
             )
     return "none", np.empty(0, dtype=np.intp), np.empty((0, 2))
+
+
+def _charuco_window(board: Board, indices: NDArray[np.intp], pixels: Float) -> int:
+    """Half window of the refinement: 5, or less where the corners of the markers would come into it."""
+    pairs = _neighbours(board, indices)
+    if not len(pairs) or board.marker is None:
+        return 2
+    spacing = float(np.linalg.norm(pixels[pairs[:, 0]] - pixels[pairs[:, 1]], axis=1).min())
+    return max(2, min(5, int(spacing * (board.square - board.marker) / (2 * board.square))))
 
 
 def _in_a_line(board: Board, indices: NDArray[np.intp]) -> bool:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from symcal.camera import Board, Camera, project_points
 from symcal.vision.images import Image
+from symcal.vision.lattice import order_blobs
 
 Float = NDArray[np.float64]
 
@@ -50,12 +51,17 @@ def find_circles(image: Image, board: Board) -> Dots | None:
     )
     for colour, picture in (("dark", small), ("light", 255 - small)):
         detector = _blob_detector(picture.shape, board)
-        for method, flags in (("grid", grid), ("grid by clusters", grid | cv2.CALIB_CB_CLUSTERING)):
-            found, centres = cv2.findCirclesGrid(
-                picture, (board.columns, board.rows), flags=flags, blobDetector=detector
-            )
-            if found:
-                start = (np.asarray(centres, dtype=np.float64).reshape(-1, 2) + 0.5) * factor - 0.5
+        for method in ("grid", "grid by clusters", "lattice"):
+            if method == "lattice":
+                blobs = np.array([blob.pt for blob in detector.detect(picture)], dtype=np.float64).reshape(-1, 2)
+                centres = order_blobs(blobs, board)
+            else:
+                flags = grid | (cv2.CALIB_CB_CLUSTERING if method == "grid by clusters" else 0)
+                size = (board.columns, board.rows)
+                found, corners = cv2.findCirclesGrid(picture, size, flags=flags, blobDetector=detector)
+                centres = np.asarray(corners, dtype=np.float64).reshape(-1, 2) if found else None
+            if centres is not None:
+                start = (centres + 0.5) * factor - 0.5
                 pixels, radii = _centroids(image if colour == "dark" else 255 - image, board, start)
                 whole = np.flatnonzero(radii > 0)
                 return Dots(f"{method}, {colour} dots", whole, pixels[whole], radii[whole])

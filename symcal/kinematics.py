@@ -79,9 +79,14 @@ class _Walk:
     """The pose reached so far, and the screws of the coordinates met on the way; lives only inside `chain`."""
 
     def __init__(self, rotation: SX, origin: SX) -> None:
-        self.rotation = rotation
+        self._turned, self._constant = rotation, SX.eye(3)
         self.origin = origin
         self.screws: dict[str, Screw] = {}
+
+    @property
+    def rotation(self) -> SX:
+        """The rotation so far; constant ones since the last that was not are multiplied among themselves first."""
+        return self._turned @ self._constant
 
     def translate(self, axis: int, value: SX, names: tuple[str, ...], rates: tuple[float, ...] = (1.0,)) -> None:
         direction = self.rotation[:, axis]
@@ -93,12 +98,12 @@ class _Walk:
         omega = self.rotation[:, axis]
         for name, rate in zip(names, rates, strict=True):
             self.screws[name] = Screw(rate * omega, rate * ca.cross(self.origin, omega))
-        self.rotation = self.rotation @ spatial.rotation(axis, value)
+        self._turn(spatial.rotation(axis, value))
 
     def place(self, rotation: SX, origin: SX) -> None:
         """A constant transform."""
         self.origin = self.origin + self.rotation @ origin
-        self.rotation = self.rotation @ rotation
+        self._turn(rotation)
 
     def increment(self, frame: str, x: dict[str, SX]) -> None:
         """The increments of a frame, on the right of its nominal value: translation, then a rotation vector."""
@@ -111,7 +116,13 @@ class _Walk:
             omegas = self.rotation @ spatial.left_jacobian(r)
             for k, label in enumerate(FRAME_AXES[3:]):
                 self.screws[f"{frame}_{label}"] = Screw(omegas[:, k], ca.cross(self.origin, omegas[:, k]))
-            self.rotation = self.rotation @ spatial.exp_rotation(r)
+            self._turn(spatial.exp_rotation(r))
+
+    def _turn(self, rotation: SX) -> None:
+        if rotation.is_constant():
+            self._constant = self._constant @ rotation
+        else:
+            self._turned, self._constant = self.rotation @ rotation, SX.eye(3)
 
     @property
     def pose(self) -> SX:

@@ -129,7 +129,7 @@ def sound_fitness(
     whitener: Array = np.eye(n)
     if whitened:
         mean = np.mean(information.matrices(information.area.even(_EVEN)), axis=0)
-        whitener = np.linalg.inv(np.linalg.cholesky(mean))
+        whitener = np.asarray(np.linalg.inv(np.linalg.cholesky(mean)), dtype=np.float64)
 
     def fitness(plans: Array) -> Array:
         rows = information.rows(plans.reshape(-1, plans.shape[-1])).reshape(len(plans), -1, n)

@@ -1,4 +1,7 @@
-"""How accurate: errors of a robot's tool against measurements, their statistics, cross-validation, and what was to be expected."""
+"""How accurate.
+
+Errors of a robot's tool against measurements, their statistics, cross-validation, and what was to be expected.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,8 @@ from symcal import uncertainty
 from symcal.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.estimation import Fit, Options
-from symcal.identify import Calibration, Model, State, baseline_model, calibrate
+from symcal.identify import Calibration, baseline_model, calibrate
+from symcal.model import Model, State
 
 Array = NDArray[np.float64]
 
@@ -33,7 +37,8 @@ class Errors:
     """Errors of predictions against measurements, in world.
 
     vectors: per observation, shape (k, 3), mm. position: their norms, shape (k,). pose: the pose of each, shape (k,).
-    point: its tool point, shape (k,). orientation: rotation angles per pose, shape (N,), rad; None where only positions are measured.
+    point: its tool point, shape (k,). orientation: rotation angles per pose, shape (N,), rad; None where only
+        positions are measured.
     rotations: rotation vectors in the tool frame, shape (N, 3), rad.
     """
 
@@ -75,7 +80,7 @@ def evaluate(state: State, data: Dataset) -> Errors:
 
 
 def expected_position_rms(model: Model, result: Fit, q: Array) -> Array:
-    """Predicted rms position error of the tool (or of its points) at each pose, shape (N,), mm, from the covariance alone.
+    """Predicted rms position error of the tool (or of its points) at each pose, shape (N,), mm; from the covariance.
 
     The noise of the measurement that it would be compared with is not in it.
     """
@@ -84,7 +89,8 @@ def expected_position_rms(model: Model, result: Fit, q: Array) -> Array:
     index = model.parameters.indices(result.free)
     rows = jacobian[:, columns][:, :, index]
     points = len(columns) // 3
-    return uncertainty.predicted_rms(rows, uncertainty.covariance(result.identifiability)) / np.sqrt(points)
+    rms = uncertainty.predicted_rms(rows, uncertainty.covariance(result.identifiability))
+    return np.asarray(rms / np.sqrt(points))
 
 
 def folds(data: Dataset, count: int, rng: np.random.Generator) -> list[NDArray[np.intp]]:

@@ -1,7 +1,9 @@
 """What the data can see: rank of the scaled Jacobian, its whole spectrum, and the unseen directions in words.
 
-The Jacobian is whitened by the noise and scaled by the plausible size of each parameter's error, W = Sigma^-1/2 J S. A direction is
-identifiable when the data determine it better than its plausible scale: singular value above 1. Without noise the numerical rank decides.
+The Jacobian is whitened by the noise and scaled by the plausible size of each parameter's error, W = Sigma^-1/2 J S.
+A direction is
+identifiable when the data determine it better than its plausible scale: singular value above 1. Without noise the
+    numerical rank decides.
 """
 
 from __future__ import annotations
@@ -41,9 +43,12 @@ class Direction:
 class Identifiability:
     """Spectrum and subspaces of W = Sigma^-1/2 J S, in the scaled coordinates of the free parameters.
 
-    names: the free parameters, n of them. singular_values: shape (n,), descending. rank: directions determined at the noise;
-    numerical_rank: directions that the noise-free Jacobian sees. seen (n, rank) and hidden (n, n - rank): orthonormal bases;
-    seen_values: singular values of the seen ones, shape (rank,). released: how many of them are seen only because the data contradict nominal there.
+    names: the free parameters, n of them. singular_values: shape (n,), descending. rank: directions determined at
+        the noise;
+    numerical_rank: directions that the noise-free Jacobian sees. seen (n, rank) and hidden (n, n - rank):
+        orthonormal bases;
+    seen_values: singular values of the seen ones, shape (rank,). released: how many of them are seen only because
+        the data contradict nominal there.
     """
 
     names: tuple[str, ...]
@@ -63,7 +68,10 @@ class Identifiability:
         return float(self.seen_values[0] / self.seen_values[-1]) if self.rank else float("inf")
 
     def unseen(self) -> tuple[Direction, ...]:
-        """A sparse basis of the hidden subspace, each vector with its sentence (some tenths of a second for forty parameters)."""
+        """A sparse basis of the hidden subspace.
+
+        Each vector with its sentence (some tenths of a second for forty parameters).
+        """
         return _directions(self.hidden, self.names, self.scales, self.units)
 
 
@@ -90,14 +98,18 @@ def analyse(
     *,
     noise_known: bool = True,
     implied: Array | None = None,
+    poses: int = 0,
     most: int | None = None,
 ) -> Identifiability:
     """Identifiability of the free parameters from stacked whitened rows.
 
     Args:
-        jacobian: Sigma^-1/2 J by all parameters, shape (m, n); rows of priors included if there are any. free: names; all when None.
+        jacobian: Sigma^-1/2 J by all parameters, shape (m, n); rows of priors included if there are any. free:
+            names; all when None.
         noise_known: False when the rows are not whitened: the numerical rank decides.
-        implied: W y - r, shape (m,), for the release of directions whose nominal value the data refute (see `released_directions`).
+        implied: W y - r, shape (m,), for the release of directions whose nominal value the data refute (see
+            `released_directions`).
+        poses: number of poses behind the rows; only more poses than visible directions can refute anything.
         most: take no more directions than this by the threshold.
     """
     names = parameters.names if free is None else free
@@ -106,7 +118,7 @@ def analyse(
     scaled = jacobian[:, index] * scales
     values, v, rank, numerical = decompose(scaled, 1.0 if noise_known else None)
     rank = rank if most is None else min(rank, most)
-    released = released_directions(scaled, values, v, rank, numerical, implied)
+    released = released_directions(scaled, values, v, (rank, numerical), implied if poses > numerical else None)
     keep = np.concatenate([np.arange(rank), released])
     return Identifiability(
         names=names,
@@ -123,17 +135,19 @@ def analyse(
 
 
 def released_directions(
-    scaled: Array, values: Array, v: Array, rank: int, numerical: int, implied: Array | None
+    scaled: Array, values: Array, v: Array, ranks: tuple[int, int], implied: Array | None
 ) -> NDArray[np.intp]:
     """Directions below the threshold whose nominal value the data refute.
 
-    Along singular direction k the data imply y_k = u_k^T (W y - r) / s_k with standard deviation 1 / s_k. Where that is more than
-    RELEASE_SIGMAS from nominal, the plausible scale was stated too small and holding the direction would bias all others; it is released unless the
+    Along singular direction k the data imply y_k = u_k^T (W y - r) / s_k with standard deviation 1 / s_k. Where that
+    is more than
+    RELEASE_SIGMAS from nominal, the plausible scale was stated too small and holding the direction would bias all
+    others; it is released unless the
     value itself is absurd (above RELEASE_LIMIT scales: then it is the model that is wrong). Ours.
     """
     if implied is None:
         return np.zeros(0, dtype=np.intp)
-    below = np.arange(rank, numerical)
+    below = np.arange(*ranks)
     score = (scaled @ v[:, below]).T @ implied / values[below]
     wanted = (np.abs(score) > RELEASE_SIGMAS) & (np.abs(score) < RELEASE_LIMIT * values[below])
     return below[wanted]
@@ -146,7 +160,10 @@ def _directions(hidden: Array, names: tuple[str, ...], scales: Array, units: tup
         keep = np.flatnonzero(np.abs(vector) > _NEGLIGIBLE * np.abs(vector).max())
         vector = vector * np.sign(vector[keep[0]])
         directions.append(
-            Direction({names[i]: float(vector[i]) for i in keep}, _sentence(keep, vector * scales, names, units))
+            Direction(
+                {names[i]: float(vector[i]) for i in keep},
+                _sentence(keep, vector / np.abs(vector).max() * scales, names, units),
+            )
         )
     return tuple(directions)
 
@@ -154,7 +171,8 @@ def _directions(hidden: Array, names: tuple[str, ...], scales: Array, units: tup
 def sparse_basis(subspace: Array) -> list[Array]:
     """A basis of span(subspace) whose vectors have few entries, so that they can be read; unit vectors, shape (n,).
 
-    For each coordinate the vector of least 1-norm with a one there is found by linear programming; the sparsest independent ones are kept.
+    For each coordinate the vector of least 1-norm with a one there is found by linear programming; the sparsest
+    independent ones are kept.
     Ours; the 1-norm is the usual convex stand-in for the number of entries.
     """
     n, k = subspace.shape
@@ -168,7 +186,7 @@ def sparse_basis(subspace: Array) -> list[Array]:
         pivot = np.concatenate([subspace[j], np.zeros(n)])[None, :]
         solution = linprog(cost, A_ub=bound, b_ub=np.zeros(2 * n), A_eq=pivot, b_eq=[1.0], bounds=free, method="highs")
         if solution.status == 0:
-            vector = subspace @ solution.x[:k]
+            vector = subspace @ np.asarray(solution.x)[:k]
             candidates.append(vector / np.linalg.norm(vector))
     candidates += list(subspace.T)  # completes the basis whatever the programming gave
     candidates.sort(key=lambda v: (int(np.sum(np.abs(v) > _NEGLIGIBLE * np.abs(v).max())), float(np.abs(v).sum())))

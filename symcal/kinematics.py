@@ -33,14 +33,23 @@ ELEMENTS: dict[Convention, tuple[tuple[str, int], ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class Screw:
-    """Velocity field of one coordinate: dp/ds = v + omega x p, with p, v and omega in world; shapes (3,)."""
+    """Velocity field of one coordinate: a turn omega about an axis through ``origin``, and a slide; in world, (3,).
+
+    dp/ds = slide + omega x (p - origin) = v + omega x p
+    """
 
     omega: SX
-    v: SX
+    slide: SX
+    origin: SX
+
+    @property
+    def v(self) -> SX:
+        """Velocity of the tool-fixed point that is at the origin of world; shape (3,)."""
+        return self.slide + ca.cross(self.origin, self.omega)
 
     def at(self, point: SX) -> SX:
         """Velocity of a point fixed to the tool, in world; shape (3,)."""
-        return self.v + ca.cross(self.omega, point)
+        return self.slide + ca.cross(self.omega, point - self.origin)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,13 +100,13 @@ class _Walk:
     def translate(self, axis: int, value: SX, names: tuple[str, ...], rates: tuple[float, ...] = (1.0,)) -> None:
         direction = self.rotation[:, axis]
         for name, rate in zip(names, rates, strict=True):
-            self.screws[name] = Screw(SX(3, 1), rate * direction)
+            self.screws[name] = Screw(SX(3, 1), rate * direction, SX(3, 1))
         self.origin = self.origin + value * direction
 
     def rotate(self, axis: int, value: SX, names: tuple[str, ...], rates: tuple[float, ...] = (1.0,)) -> None:
         omega = self.rotation[:, axis]
         for name, rate in zip(names, rates, strict=True):
-            self.screws[name] = Screw(rate * omega, rate * ca.cross(self.origin, omega))
+            self.screws[name] = Screw(rate * omega, SX(3, 1), self.origin)
         self._turn(spatial.rotation(axis, value))
 
     def place(self, rotation: SX, origin: SX) -> None:
@@ -115,7 +124,7 @@ class _Walk:
             r = ca.vertcat(*(x.get(f"{frame}_{label}", 0) for label in FRAME_AXES[3:]))
             omegas = self.rotation @ spatial.left_jacobian(r)
             for k, label in enumerate(FRAME_AXES[3:]):
-                self.screws[f"{frame}_{label}"] = Screw(omegas[:, k], ca.cross(self.origin, omegas[:, k]))
+                self.screws[f"{frame}_{label}"] = Screw(omegas[:, k], SX(3, 1), self.origin)
             self._turn(spatial.exp_rotation(r))
 
     def _turn(self, rotation: SX) -> None:
@@ -146,7 +155,7 @@ def chain(robot: Robot, parameters: ParameterSet) -> Chain:
     flange = walk.pose
     walk.place(*_frame(frames[12:]))
     walk.increment("tool", error)
-    still = Screw(SX(3, 1), SX(3, 1))
+    still = Screw(SX(3, 1), SX(3, 1), SX(3, 1))
     return Chain(
         robot=robot,
         parameters=parameters,

@@ -1,7 +1,9 @@
 """First values of base, tool and tool points, found from the data with the nominal robot: nobody has to type them.
 
-With the tool known the base is a rigid fit in closed form ([Umeyama1991]), and the other way round; the two are alternated from several
-first tools. For pose data the closed form of measured_i = B flange_i X ([Shah2013]) is one of the starts. What comes out is a first guess: the identification
+With the tool known the base is a rigid fit in closed form ([Umeyama1991]), and the other way round; the two are
+alternated from several
+first tools. For pose data the closed form of measured_i = B flange_i X ([Shah2013]) is one of the starts. What comes
+out is a first guess: the identification
 refines the best few by Levenberg-Marquardt.
 """
 
@@ -46,7 +48,8 @@ def rigid_fit(source: Array, target: Array) -> Array:
 def hand_eye(flange: Array, measured: Array) -> tuple[Array, Array]:
     """Base B and tool X, shape (4, 4) each, with measured_i = B flange_i X; shapes (N, 4, 4).
 
-    With Y = R_X^T every pose says R_z Y = R_B R_F, so (vec Y, vec R_B) is the leading pair of singular vectors of sum kron(R_z, R_F);
+    With Y = R_X^T every pose says R_z Y = R_B R_F, so (vec Y, vec R_B) is the leading pair of singular vectors of
+    sum kron(R_z, R_F);
     the translations follow linearly. Needs rotations about two axes. Source: [Shah2013].
     """
     a, b = flange[:, :3, :3], measured[:, :3, :3]
@@ -83,11 +86,12 @@ def register(
     """The best few guesses of what is to be estimated, best first.
 
     Args:
-        flange: T_base_flange by nominal kinematics, shape (N, 4, 4). measured: points in world, shape (N, k, 3), NaN where not seen.
+        flange: T_base_flange by nominal kinematics, shape (N, 4, 4). measured: points in world, shape (N, k, 3), NaN
+            where not seen.
         nominal: what is known or guessed; parts that are not estimated stay as they are. base: estimate the base.
         tool: estimate the tool's frame, its position, or every point by itself. starts: further first guesses.
     """
-    seen = np.isfinite(measured).all(axis=2)
+    seen: NDArray[np.bool_] = np.asarray(np.isfinite(measured).all(axis=2))
     found = [
         _alternate(flange, measured, seen, start, base, tool) for start in (*starts, *_starts(nominal, base, tool))
     ]

@@ -85,7 +85,8 @@ class Table:
         """The column `<stem>_<unit>` in mm, rad or px.
 
         Args:
-            kinds: allowed units with their factors (`LENGTH`, `ANGLE`, `PIXEL`). what: the quantity in words, for the message.
+            kinds: allowed units with their factors (`LENGTH`, `ANGLE`, `PIXEL`). what: the quantity in words, for
+                the message.
         Raises:
             InputError: no such column, no unit in its name, or a unit of another kind.
         """
@@ -121,7 +122,8 @@ def read_table(
         columns: canonical name -> name in the file, for columns that are called otherwise there.
         delimiter: found from the header when None: comma, semicolon or tab. decimal: the decimal sign of the file.
     Raises:
-        InputError: no such file, not text, no header, a name twice, a mapped column that is not there, a row of another length.
+        InputError: no such file, not text, no header, a name twice, a mapped column that is not there, a row of
+        another length.
     """
     path = Path(path)
     try:

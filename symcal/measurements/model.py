@@ -8,7 +8,6 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-
 from scipy.spatial.transform import Rotation
 
 from symcal import spatial

@@ -2,7 +2,8 @@
 
     r_p = p - p_z (mm),        r_w = log(R_z^T R) (rad)
 
-so the sign of a measured quaternion does not matter. With ``invert`` the instrument rides on the tool and reports T_tool_world: the residual
+so the sign of a measured quaternion does not matter. With ``invert`` the instrument rides on the tool and reports
+T_tool_world: the residual
 is then taken on T^-1, where the instrument's noise lives, and the accuracy on T, which is what the user asks about.
 """
 

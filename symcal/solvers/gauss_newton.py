@@ -1,4 +1,7 @@
-"""Damped Gauss-Newton: the minimum-norm solution of J s = -r in scaled unknowns by SVD, shortened until the cost falls (Armijo)."""
+"""Damped Gauss-Newton.
+
+The minimum-norm solution of J s = -r in scaled unknowns by SVD, shortened until the cost falls (Armijo).
+"""
 
 from __future__ import annotations
 

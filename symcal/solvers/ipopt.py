@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import casadi as ca
 import numpy as np
 
@@ -18,7 +20,7 @@ _STATUS = {
 }
 
 
-class _Iterates(ca.Callback):  # type: ignore[misc]
+class _Iterates(ca.Callback):
     """Records the unknowns after every step that IPOPT accepts."""
 
     def __init__(self, unknowns: int) -> None:
@@ -35,11 +37,17 @@ class _Iterates(ca.Callback):  # type: ignore[misc]
 
     def get_sparsity_in(self, i: int) -> ca.Sparsity:
         name = ca.nlpsol_out(i)
-        return ca.Sparsity.dense(self.unknowns) if name in ("x", "lam_x") else ca.Sparsity.scalar() if name == "f" else ca.Sparsity(0, 0)
+        return (
+            ca.Sparsity.dense(self.unknowns)
+            if name in ("x", "lam_x")
+            else ca.Sparsity.scalar()
+            if name == "f"
+            else ca.Sparsity(0, 0)
+        )
 
-    def eval(self, arguments: list[ca.DM]) -> list[int]:
+    def eval(self, arguments: Sequence[ca.DM]) -> Sequence[ca.DM]:
         self.points.append(np.asarray(arguments[0]).ravel())
-        return [0]
+        return [ca.DM(0)]
 
 
 def ipopt(problem: Problem, tolerances: Tolerances = _NO_TOLERANCES) -> Solution:

@@ -1,0 +1,107 @@
+"""What a person should know before believing an identification.
+
+Wrong units, outliers, too few poses, absurd corrections.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import stats
+
+from symcal.dataset import Dataset
+from symcal.errors import RefusedError
+from symcal.estimation import Fit
+from symcal.model import Model, State
+from symcal.rows import rows_of
+
+_OUTLIER = 1e-6  # probability that one good observation is called an outlier
+_ABSURD = 20.0  # scales: a correction larger than this is a mistake more often than a fact
+
+
+def plausibility(data: Dataset, before: State) -> tuple[str, ...]:
+    """What the nominal robot with fitted frames says about units, joint order and signs."""
+    model = before.model
+    r, _ = rows_of(model.measurement, data, before.setup, model.residual)(before.x)
+    position = r[:, list(model.measurement.groups[0].columns)].reshape(-1, 3)
+    measured = (
+        data.z[:, : position.size // len(data)].reshape(-1, 3) if model.task.kind == "position" else data.z[:, :3]
+    )
+    seen = np.isfinite(measured).all(axis=1)
+    error = float(np.sqrt(np.mean(np.sum(position[seen] ** 2, axis=1))))
+    spread = float(np.sqrt(np.mean(np.sum((measured[seen] - measured[seen].mean(axis=0)) ** 2, axis=1))))
+    predicted = measured + position
+    reach = float(np.sqrt(np.mean(np.sum((predicted[seen] - predicted[seen].mean(axis=0)) ** 2, axis=1))))
+    if reach > 1.0 and spread > 0 and not 1 / 30 < spread / reach < 30:
+        raise RefusedError(
+            f"the measured points spread over {spread:.3g} mm, the robot's over {reach:.3g} mm: the measurements are "
+            f"not in the unit "
+            "that their columns name"
+        )
+    if error > 0.1 * max(reach, 1e-9):
+        return (
+            f"nominal kinematics with fitted frames is off by {error:.4g} mm rms, {error / reach:.0%} of the "
+            f"measured spread: check the "
+            "order, units and signs of the joint columns, and the robot file",
+        )
+    return ()
+
+
+def quality(model: Model, data: Dataset, after: Fit) -> tuple[str, ...]:
+    notes = []
+    if after.dof < 2 * after.identifiability.rank:
+        notes.append(
+            f"only {after.dof} degrees of freedom are left for {after.identifiability.rank} identified directions "
+            f"({len(data)} poses): the errors "
+            "on the training data say little about other poses; trust the held-out or cross-validated ones"
+        )
+    if not after.solution.status.converged:
+        notes.append(f"the identification did not converge: {after.solution.message}")
+    notes += _outliers(model, data, after)
+    if after.identifiability.released:
+        notes.append(
+            f"{after.identifiability.released} direction(s) that the data determine worse than their plausible scale "
+            f"were identified all the "
+            "same, because the data contradict the nominal value there: state larger 'scales', or look for the pose "
+            "that causes it"
+        )
+    errors = model.parameters.mapping(after.x)
+    large = [
+        name
+        for name in model.kinematic
+        if abs(errors[name]) > _ABSURD * model.parameters.items[model.parameters.index(name)].scale
+    ]
+    if large:
+        notes.append(
+            f"corrections of {', '.join(large)} are more than 20 times their plausible scale: check signs, units and "
+            f"zero positions, or "
+            "give larger 'scales'"
+        )
+    if not after.estimated and after.dof > 0:
+        factor = float(np.sqrt(after.chi_squared / after.dof))
+        if factor > 1.5 or factor < 0.67:
+            notes.append(
+                f"residuals are {factor:.3g} times the stated noise: the noise is stated too "
+                f"{'small' if factor > 1 else 'large'}" + (", or the model lacks something" if factor > 1 else "")
+            )
+    return tuple(notes)
+
+
+def _outliers(model: Model, data: Dataset, after: Fit) -> list[str]:
+    """Observations whose residual is no accident at the noise of the others."""
+    r, _ = rows_of(model.measurement, data, after.setup, model.residual)(after.x)
+    found = []
+    for group in model.measurement.groups:
+        sigma = after.sigmas.get(group.name)
+        if sigma is None:
+            continue
+        norms = np.linalg.norm(r[:, list(group.columns)].reshape(len(data), -1, group.block), axis=2).max(axis=1)
+        limit = sigma * np.sqrt(stats.chi2.isf(_OUTLIER, group.block))
+        worst = [data.labels[i] for i in np.argsort(-norms) if norms[i] > limit]
+        if worst:
+            listed = ", ".join(worst[:5]) + (", ..." if len(worst) > 5 else "")
+            found.append(
+                f"{len(worst)} training pose(s) have a {group.name} residual that the noise of the others does not "
+                f"explain "
+                f"(pose {listed}): measure them again or use 'loss: huber'"
+            )
+    return found

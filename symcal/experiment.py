@@ -1,0 +1,272 @@
+"""The one orchestrator: an experiment file in, a run's folder out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from symcal import config, results
+from symcal.config import ExperimentFile, FileData, SimulatedData
+from symcal.dataset import Dataset, with_random_test
+from symcal.documents import Document, write_document
+from symcal.errors import RefusedError
+from symcal.estimation import Options
+from symcal.evaluate import Errors, compare, cross_validate, expected_position_rms
+from symcal.identify import Calibration, baseline_model, calibrate
+from symcal.measurement_file import load_measurements, save_measurements
+from symcal.model import Model, build_model
+from symcal.robot import Robot, load_robot, save_robot
+from symcal.run_folder import run_folder, write_json
+from symcal.simulate import Noise, concatenate, simulate
+from symcal.uncertainty import correlation
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """An experiment file with everything that it names, checked and in mm and rad."""
+
+    file: ExperimentFile
+    document: Document
+    robot_path: Path
+    robot: Robot
+    model: Model
+    options: Options
+    seed: int
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What an identification run found. cross_validation and truth are empty where there are none."""
+
+    experiment: Experiment
+    data: Dataset
+    inputs: tuple[Path, ...]
+    calibration: Calibration
+    errors: Mapping[str, Mapping[str, Errors]]
+    content: Mapping[str, Any]
+
+
+def load(path: Path, *, seed: int | None = None, overrides: Sequence[str] = ()) -> Experiment:
+    """Read an experiment with its robot and build its model.
+
+    Raises:
+        InputError: anything wrong in the files, with its line.
+    """
+    file, document = config.load_experiment(path, overrides)
+    robot_path = config.existing(document, file.robot, ("robot",), "robot file")
+    robot = load_robot(robot_path)
+    model = build_model(robot, config.task_of(file, document, robot))
+    options = config.options_of(file)
+    return Experiment(file, document, robot_path, robot, model, options, file.seed if seed is None else seed)
+
+
+def run(
+    path: Path,
+    out: Path | None = None,
+    *,
+    seed: int | None = None,
+    overrides: Sequence[str] = (),
+    data: Path | None = None,
+    progress: Progress = lambda _: None,
+) -> tuple[Path, Mapping[str, Any]]:
+    """Run an experiment and write its folder; `reports/<name>` below the current folder when ``out`` is None.
+
+    Returns:
+        the folder, and the content of its results.json.
+    """
+    experiment = load(path, seed=seed, overrides=overrides)
+    outcome = identify_experiment(experiment, data=data, progress=progress)
+    target = out or Path("reports") / experiment.file.name
+    with run_folder(target) as folder:
+        write(outcome, folder, progress)
+    return target, outcome.content
+
+
+def identify_experiment(experiment: Experiment, *, data: Path | None = None, progress: Progress) -> Outcome:
+    """Measure (or read), identify, evaluate."""
+    rng = np.random.default_rng(experiment.seed)
+    progress("reading the measurements" if isinstance(experiment.file.data, FileData) or data else "simulating")
+    measured, exact, inputs = _measurements(experiment, data, rng)
+    progress("identifying")
+    calibration = calibrate(experiment.model, baseline_model(experiment.model), measured, experiment.options)
+    errors: dict[str, Mapping[str, Errors]] = {
+        split: compare(calibration, measured.part(split)) for split in ("train", "test") if split in measured.split
+    }
+    if exact is not None:
+        errors["truth"] = compare(calibration, exact)
+    count = experiment.file.validation.folds
+    if count is None:
+        count = 0 if "test" in measured.split else 5
+    notes = [*measured.notes, *calibration.notes]
+    if count:
+        progress(f"cross-validating in {count} folds")
+        used = measured.take(np.array([s != "unused" for s in measured.split]))
+        try:
+            errors["cross_validation"] = cross_validate(experiment.model, used, experiment.options, count, rng)
+        except RefusedError as error:
+            notes.append(f"cross-validation was not possible: {error}")
+    content = _content(
+        experiment, measured, (experiment.document.path, experiment.robot_path, *inputs), calibration, errors, notes
+    )
+    return Outcome(experiment, measured, inputs, calibration, errors, content)
+
+
+def _measurements(
+    experiment: Experiment, data: Path | None, rng: np.random.Generator
+) -> tuple[Dataset, Dataset | None, tuple[Path, ...]]:
+    """The measurements; for simulated ones also the test poses without noise; and the files read."""
+    file, document, model = experiment.file, experiment.document, experiment.model
+    source = file.data
+    if isinstance(source, SimulatedData) and data is None:
+        lower, upper = config.area_of(file, document, experiment.robot)
+        units = dict(zip(model.parameters.names, model.parameters.units, strict=True))
+        truth = config.truth_of(source, file, document, dict(units), rng)
+        noise = Noise(
+            source.noise.distribution,
+            source.noise.position * file.units.factor("mm"),
+            source.noise.orientation * file.units.factor("rad"),
+        )
+        train = simulate(model, truth, rng.uniform(lower, upper, (file.plan.poses, len(lower))), noise, rng)
+        if not source.test_poses:
+            return train, None, ()
+        q = rng.uniform(lower, upper, (source.test_poses, len(lower)))
+        test = simulate(model, truth, q, noise, rng, "test")
+        return concatenate(train, test), simulate(model, truth, q, Noise(), rng, "test"), ()
+    read = source if isinstance(source, FileData) else FileData(source="file", file=str(data))
+    path = data or config.existing(document, read.file, ("data", "file"), "file of measurements")
+    measured = load_measurements(
+        path,
+        experiment.robot,
+        model.task.kind,
+        point_names=tuple(file.measurement.points),
+        columns=read.columns,
+        split=config.split_of(read.split),
+        delimiter=read.delimiter,
+        decimal=read.decimal,
+    )
+    if read.split.test_fraction is not None:
+        measured = with_random_test(measured, read.split.test_fraction, rng)
+    return measured, None, (path,)
+
+
+def _content(
+    experiment: Experiment,
+    data: Dataset,
+    inputs: Sequence[Path],
+    calibration: Calibration,
+    errors: Mapping[str, Mapping[str, Errors]],
+    notes: Sequence[str],
+) -> dict[str, Any]:
+    file = experiment.file
+    poses: dict[str, int] = {
+        split: data.split.count(split) for split in ("train", "test", "unused") if split in data.split
+    }
+    accuracy: dict[str, Any] = {name: results.accuracy_facts(found) for name, found in errors.items()}
+    if "cross_validation" in accuracy:
+        accuracy["cross_validation"]["folds"] = file.validation.folds or 5
+    expected = {
+        split: float(
+            np.sqrt(np.mean(expected_position_rms(calibration.model, calibration.after, data.part(split).q) ** 2))
+        )
+        for split in ("train", "test")
+        if split in data.split
+    }
+    return {
+        **results.header(file.name, file.title, experiment.seed, inputs, experiment.document.path.parent.resolve()),
+        "robot": results.robot_facts(experiment.robot),
+        "measurement": results.measurement_facts(experiment.model.task, poses),
+        "warnings": list(notes),
+        **results.calibration_facts(calibration),
+        "accuracy": accuracy,
+        "expected_position_rms_mm": expected,
+        "against": "noisy measurement",
+    }
+
+
+# ------------------------------------------------------------------------------------------------------------- the
+# folder
+
+
+def write(outcome: Outcome, folder: Path, progress: Progress) -> None:
+    """Everything a run leaves: numbers, tables, robot, measurements, figures, report."""
+    experiment, calibration = outcome.experiment, outcome.calibration
+    write_json(folder / "results.json", outcome.content)
+    save_robot(_with_provenance(outcome), folder / "calibrated.yaml")
+    save_measurements(outcome.data, experiment.robot, folder / "measurements.csv")
+    resolved = experiment.file.model_dump(mode="json", by_alias=True, exclude_none=True)
+    write_document(folder / "experiment.resolved.yaml", resolved | {"seed": experiment.seed})
+    (folder / "tables").mkdir()
+    for name, table in tables(outcome).items():
+        table.to_csv(folder / "tables" / f"{name}.csv", index=False)
+    if not (experiment.file.outputs.figures or experiment.file.outputs.report):
+        return
+    from symcal import plots, report
+
+    progress("drawing")
+    illustrations = plots.identification(calibration, outcome.data, outcome.errors)
+    report.save_figures(illustrations, folder / "figures")
+    if experiment.file.outputs.report:
+        progress("writing the report")
+        report.write_identification(outcome.content, illustrations, folder / "report.pdf")
+
+
+def _with_provenance(outcome: Outcome) -> Robot:
+    robot = outcome.calibration.robot
+    if robot.record is None:
+        return robot
+    content = outcome.content
+    facts = {k: content[k] for k in ("name", "seed", "versions", "inputs", "warnings", "accuracy", "against")}
+    return replace(robot, record=replace(robot.record, provenance=dict(robot.record.provenance) | facts))
+
+
+def tables(outcome: Outcome) -> dict[str, pd.DataFrame]:
+    """The run's tables: parameters, accuracy, errors per observation, correlation."""
+    content, calibration = outcome.content, outcome.calibration
+    parameters = pd.DataFrame(
+        [{"parameter": name, **entry} for name, entry in content["identification"]["parameters"].items()]
+    )
+    accuracy = pd.DataFrame(
+        [
+            {"data": data, "state": state, "quantity": quantity, **values}
+            for data, states in content["accuracy"].items()
+            for state, quantities in states.items()
+            if isinstance(quantities, dict)
+            for quantity, values in quantities.items()
+        ]
+    )
+    seen = calibration.after.identifiability
+    matrix = pd.DataFrame(correlation(seen), columns=list(seen.names))
+    matrix.insert(0, "parameter", list(seen.names))
+    return {"parameters": parameters, "accuracy": accuracy, "errors": _error_table(outcome), "correlation": matrix}
+
+
+def _error_table(outcome: Outcome) -> pd.DataFrame:
+    names = outcome.calibration.model.measurement.point_names
+    rows = []
+    for split in ("train", "test"):
+        if split not in outcome.errors:
+            continue
+        labels = outcome.data.part(split).labels
+        for state, found in outcome.errors[split].items():
+            for k, norm in enumerate(found.position):
+                rows.append(
+                    {
+                        "data": split,
+                        "state": state,
+                        "pose": labels[found.pose[k]],
+                        "point": names[found.point[k]] if names else "",
+                        "x_mm": found.vectors[k, 0],
+                        "y_mm": found.vectors[k, 1],
+                        "z_mm": found.vectors[k, 2],
+                        "position_mm": norm,
+                        "orientation_deg": np.nan if found.orientation is None else np.rad2deg(found.orientation[k]),
+                    }
+                )
+    return pd.DataFrame(rows)

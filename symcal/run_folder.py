@@ -1,0 +1,85 @@
+"""A run's folder.
+
+Written beside its place and moved there when whole, so that an interrupted run leaves the old one untouched.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from symcal.errors import InputError, RefusedError
+
+CONTENT = frozenset(
+    {
+        "results.json",
+        "report.pdf",
+        "figures",
+        "tables",
+        "calibrated.yaml",
+        "plan.csv",
+        "measurements.csv",
+        "experiment.resolved.yaml",
+        "c",
+        "images",
+        "camera.yaml",
+    }
+)
+"""Names that a run's folder may hold. A folder with anything else is not replaced: it is somebody's."""
+
+
+@contextmanager
+def run_folder(target: Path) -> Iterator[Path]:
+    """A fresh folder to write into; it becomes ``target`` when the block ends well, and vanishes when it does not.
+
+    Raises:
+        RefusedError: the target is a file, or a folder that holds more than a run's output.
+        InputError: the folder cannot be written.
+    """
+    target = target.absolute()
+    if target.is_symlink() or (target.exists() and not target.is_dir()):
+        raise RefusedError(f"{target} is not a folder: nothing was written")
+    strangers = sorted({p.name for p in target.iterdir()} - CONTENT) if target.is_dir() else []
+    if strangers:
+        raise RefusedError(
+            f"{target} holds files that no run writes ({', '.join(strangers[:3])}): it is not replaced; choose "
+            f"another --out"
+        )
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        fresh = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
+    except OSError as error:
+        raise InputError(f"the output folder cannot be written: {error.strerror}", file=target) from None
+    try:
+        yield fresh
+        fresh.chmod(0o755)
+        _swap(fresh, target)
+    finally:
+        shutil.rmtree(fresh, ignore_errors=True)
+
+
+def _swap(fresh: Path, target: Path) -> None:
+    if not target.exists():
+        fresh.rename(target)
+        return
+    old = Path(tempfile.mkdtemp(prefix=f".{target.name}-old-", dir=target.parent))
+    target.rename(old / "old")
+    try:
+        fresh.rename(target)
+    except OSError:
+        (old / "old").rename(target)
+        raise
+    finally:
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def write_json(path: Path, data: Mapping[str, Any]) -> None:
+    """Write JSON without NaN or infinity, which JSON does not have."""
+    text = json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False)
+    path.write_text(text + os.linesep, encoding="utf-8")

@@ -83,14 +83,14 @@ def _calibrate(model: Model, baseline: Model | None, data: Dataset, options: Opt
     train = data.part("train")
     if len(train) == 0:
         raise RefusedError("no pose is marked for training")
-    setup = _place(model, train, options)
+    setup = place(model, train, options)
     rows = rows_of(model.measurement, train, setup, model.residual)
     offsets = fit(rows, (*model.offsets, *model.placement), options)
     after = fit(rows, (*model.kinematic, *model.placement), options)
     before = State(model, setup, np.zeros(len(model.parameters)))
     raw = None if model.placement else before
     if baseline is not None:
-        before = State(baseline, _place(baseline, train, options), np.zeros(len(baseline.parameters)))
+        before = State(baseline, place(baseline, train, options), np.zeros(len(baseline.parameters)))
     notes = (*plausibility(train, before), *quality(model, train, after))
     return Calibration(model, setup, before, raw, offsets, after, calibrated_robot(model, after), notes)
 
@@ -105,7 +105,7 @@ def baseline_model(model: Model) -> Model | None:
     return build_model(model.robot, task)
 
 
-def _place(model: Model, data: Dataset, options: Options) -> Setup:
+def place(model: Model, data: Dataset, options: Options) -> Setup:
     """The nominal frames fitted to the data.
 
     Closed forms for a few first guesses, then least squares on the frames alone.

@@ -1,188 +1,30 @@
-"""The experiment file: strict schema, units converted once, paths resolved."""
+"""The experiment file, read: overrides applied, units converted once, paths resolved."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
 
-from symcal.documents import Document, Key, Strict, read_document, validate
+from symcal.documents import Document, Key, read_document, validate
 from symcal.errors import InputError
 from symcal.estimation import Options
+from symcal.experiment_schema import ExperimentFile as ExperimentFile
+from symcal.experiment_schema import FileData as FileData
+from symcal.experiment_schema import SimulatedData as SimulatedData
+from symcal.experiment_schema import SplitConfig
 from symcal.least_squares import Tolerances
 from symcal.measurement_file import Split
 from symcal.model import Task
 from symcal.robot import Robot
-from symcal.units import ANGLE, LENGTH, AngleUnit, LengthUnit
+from symcal.units import LENGTH
 
 Array = NDArray[np.float64]
-Positive = Annotated[float, Field(gt=0)]
-Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
-
-SCHEMA: Literal["symcal/experiment/1"] = "symcal/experiment/1"
-
-
-class Units(Strict):
-    """Units of the numbers in this file."""
-
-    length: LengthUnit
-    angle: AngleUnit
-
-    def factor(self, unit: str) -> float:
-        """mm or rad per unit of the file, for a parameter of unit `mm` or `rad`."""
-        return ANGLE[self.angle] if unit == "rad" else LENGTH[self.length]
-
-
-class KnownNoise(Strict):
-    """Known standard deviation per axis; what is absent is estimated from the training data."""
-
-    position: Positive | None = None
-    orientation: Positive | None = None
-
-
-class MeasurementConfig(Strict):
-    """What is measured.
-
-    points: tool points in the tool frame by name (`position`); `null` for coordinates that are to be estimated.
-    estimate: what of base, tool (mount) and points is unknown. invert: pose data are T_tool_world (eye in hand).
-    """
-
-    type: Literal["position", "pose"]
-    points: dict[str, Triple | None] = {}
-    estimate: list[Literal["base", "tool", "points"]] = []
-    invert: bool = False
-    noise: KnownNoise = KnownNoise()
-
-    @model_validator(mode="after")
-    def _consistent(self) -> MeasurementConfig:
-        unknown = [name for name, xyz in self.points.items() if xyz is None]
-        if unknown and "points" not in self.estimate:
-            raise PydanticCustomError(
-                "points",
-                "the point {name} has no coordinates: give them, or add 'points' to 'estimate'",
-                {"name": unknown[0]},
-            )
-        if self.points and self.type == "pose":
-            raise PydanticCustomError(
-                "points", "a pose measurement has no points: give the tool frame in the robot file"
-            )
-        return self
-
-
-class SplitConfig(Strict):
-    """Which poses train and which test: labels of a column, or a random share."""
-
-    column: str | None = None
-    train: list[str] = ["train"]
-    test: list[str] = ["test"]
-    test_fraction: Annotated[float, Field(gt=0, lt=1)] | None = None
-
-
-class FileData(Strict):
-    """Measurements from a CSV file. columns: canonical name -> name in the file."""
-
-    source: Literal["file"]
-    file: str
-    columns: dict[str, str] = {}
-    split: SplitConfig = SplitConfig()
-    delimiter: Literal[",", ";", "\t"] | None = None
-    decimal: Literal[".", ","] = "."
-
-
-class Truth(Strict):
-    """The simulated robot's errors: given by name, or drawn with a standard deviation per kind."""
-
-    units: Units | None = None
-    errors: dict[str, float] = {}
-    sigma_length: Annotated[float, Field(ge=0)] = 0.0
-    sigma_angle: Annotated[float, Field(ge=0)] = 0.0
-
-
-class SimulatedNoise(Strict):
-    """Noise of simulated measurements: normal (standard deviation) or uniform (half width), per axis."""
-
-    distribution: Literal["normal", "uniform"] = "normal"
-    position: Annotated[float, Field(ge=0)] = 0.0
-    orientation: Annotated[float, Field(ge=0)] = 0.0
-
-
-class SimulatedData(Strict):
-    """Measurements made by the program: the planned poses train, random poses of the area test."""
-
-    source: Literal["simulated"]
-    truth: Truth
-    noise: SimulatedNoise = SimulatedNoise()
-    test_poses: Annotated[int, Field(ge=0)] = 1000
-
-
-class PlanConfig(Strict):
-    """Which poses to measure. area: ranges of the readings by joint name; the joint limits elsewhere."""
-
-    method: Literal["random"] = "random"
-    poses: Annotated[int, Field(ge=1)] = 40
-    area: dict[str, Annotated[list[float], Field(min_length=2, max_length=2)]] = {}
-
-
-class TolerancesConfig(Strict):
-    """When the solver stops; see `symcal.least_squares.Tolerances`."""
-
-    gradient: Positive = 1e-10
-    cost: Positive = 1e-14
-    step: Positive = 1e-12
-    residual: Annotated[float, Field(ge=0)] = 0.0
-    iterations: Annotated[int, Field(ge=1)] = 100
-
-
-class IdentificationConfig(Strict):
-    """How to identify.
-
-    Scales: plausible size of an error; priors: standard deviation of a prior; both by parameter name.
-    """
-
-    solver: Literal["levenberg_marquardt", "gauss_newton", "ipopt"] = "levenberg_marquardt"
-    loss: Literal["linear", "huber", "cauchy"] = "linear"
-    tolerances: TolerancesConfig = TolerancesConfig()
-    fix: list[str] = []
-    scales: dict[str, Positive] = {}
-    priors: dict[str, Positive] = {}
-
-
-class ValidationConfig(Strict):
-    """folds.
-
-    K-fold cross-validation over training and test poses; 0 for none; by default 5 when there is no test split.
-    """
-
-    folds: Annotated[int, Field(ge=0)] | None = None
-
-
-class OutputsConfig(Strict):
-    report: bool = True
-    figures: bool = True
-
-
-class ExperimentFile(Strict):
-    """One experiment: robot, measurement, data, identification, outputs."""
-
-    schema_: Literal["symcal/experiment/1"] = Field(default=SCHEMA, alias="schema")
-    name: Annotated[str, Field(min_length=1, pattern=r"^[\w][\w .+-]*$")]
-    title: str | None = None
-    seed: Annotated[int, Field(ge=0)] = 1
-    units: Units
-    robot: str
-    measurement: MeasurementConfig
-    plan: PlanConfig = PlanConfig()
-    data: Annotated[FileData | SimulatedData, Field(discriminator="source")]
-    identification: IdentificationConfig = IdentificationConfig()
-    validation: ValidationConfig = ValidationConfig()
-    outputs: OutputsConfig = OutputsConfig()
 
 
 def load_experiment(path: Path | str, overrides: Sequence[str] = ()) -> tuple[ExperimentFile, Document]:

@@ -207,14 +207,15 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> None:
         table.to_csv(folder / "tables" / f"{name}.csv", index=False)
     if not (experiment.file.outputs.figures or experiment.file.outputs.report):
         return
-    from symcal import plots, report
+    from symcal.plots import identification_figures
+    from symcal.report import save_figures, write_report
 
     progress("drawing")
-    illustrations = plots.identification(calibration, outcome.data, outcome.errors)
-    report.save_figures(illustrations, folder / "figures")
+    illustrations = identification_figures(calibration, outcome.data, outcome.errors)
+    pictures = save_figures(illustrations, folder / "figures")
     if experiment.file.outputs.report:
         progress("writing the report")
-        report.write_identification(outcome.content, illustrations, folder / "report.pdf")
+        write_report(outcome.content, pictures, folder / "report.pdf")
 
 
 def _with_provenance(outcome: Outcome) -> Robot:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from symcal import uncertainty
 from symcal.dataset import Dataset
 from symcal.identify import Calibration
 from symcal.plots.convergence import convergence
+from symcal.plots.distribution import error_distribution
 from symcal.plots.parameters import correlation_matrix, parameter_corrections
+from symcal.plots.poses import errors_per_pose
 from symcal.plots.prediction import predicted_error
-from symcal.plots.residuals import error_distribution, errors_per_pose, residuals_per_axis
+from symcal.plots.residuals import residuals_per_axis
 from symcal.plots.spectrum import singular_values
 from symcal.plots.style import Comparison, Illustration
 
@@ -18,10 +22,11 @@ def identification_figures(calibration: Calibration, data: Dataset, errors: Comp
 
     Args:
         data: the measurements with their splits.
-        errors: by part (`train`; `test`, `cross_validation`, `truth` where there are any) and state, as `evaluate.compare` gives them.
+        errors: by part (`train`; `test`, `cross_validation`, `truth` where there are any) and state, as
+            `evaluate.compare` gives them.
     """
-    parts = {name: data.part(name) for name in ("train", "test") if name in data.split}
-    labels = {name: part.labels for name, part in parts.items()}
+    parts: dict[str, Dataset] = {name: data.part(name) for name in ("train", "test") if name in data.split}
+    labels: dict[str, Sequence[str]] = {name: part.labels for name, part in parts.items()}
     judged = next(part for part in ("test", "cross_validation", "train") if errors.get(part))
     figures = [
         errors_per_pose(errors, labels),

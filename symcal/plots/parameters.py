@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from symcal import uncertainty
 from symcal.estimation import Fit
 from symcal.identify import Calibration
-from symcal.plots.style import INK, WIDE, Illustration, grid, print_settings, settle, sheet
+from symcal.plots.style import BLUE, FAINT, INK, WIDE, Illustration, escaped, grid, print_settings, settle, sheet
 from symcal.words import listed, number, plural, symbol
 
 Array = NDArray[np.float64]
 
-_DETERMINED, _OPEN = "#00517F", "#999999"
-
 
 def parameter_corrections(calibration: Calibration) -> Illustration:
-    """Identified minus nominal of the link parameters with two standard deviations; hollow where the data do not determine it.
+    """Identified minus nominal of the link parameters with two standard deviations, in mrad and in mm.
 
-    Angles in mrad and lengths in mm, in a panel each.
+    Hollow where the data do not determine a parameter by itself.
     """
     model, fit = calibration.model, calibration.after
     errors = model.parameters.mapping(fit.x)
@@ -37,129 +38,152 @@ def parameter_corrections(calibration: Calibration) -> Illustration:
         if group
     ]
     with print_settings():
-        figure = sheet(WIDE, 58)
-        ratios = [len(group) + 1.5 for group, _, _ in panels]
+        figure = sheet(WIDE, 56)
+        ratios = [len(group) + 2 for group, _, _ in panels]
         axes = figure.subplots(1, len(panels), width_ratios=ratios, squeeze=False)[0]
         for panel, (group, factor, label) in zip(axes, panels, strict=True):
-            _corrections(panel, group, [errors[n] * factor for n in group], [_times(sigma[n], factor) for n in group])
+            values = factor * np.array([errors[n] for n in group])
+            bars = factor * np.array([np.nan if sigma[n] is None else sigma[n] for n in group], dtype=float)
+            _corrections(panel, group, values, bars)
             panel.set_ylabel(label)
-        handles = [
-            Line2D(
-                [],
-                [],
-                color=_DETERMINED,
-                marker="o",
-                linestyle="-",
-                markersize=3.5,
-                label="correction ± 2 standard deviations",
-            ),
-            Line2D(
-                [],
-                [],
-                color=_OPEN,
-                marker="D",
-                linestyle="none",
-                markerfacecolor="white",
-                markersize=3.5,
-                label="not determined by the data",
-            ),
-        ]
-        figure.legend(handles=handles, loc="outside upper center", ncols=2)
-    known = [n for n in names if sigma[n] is not None]
-    significant = [n for n in known if abs(errors[n]) > 2 * (sigma[n] or 0.0)]
-    caption = (
-        f"Corrections of the {plural(len(names), 'link parameter')}. The data determine {len(known)} of them one by one; {len(significant)} differ from "
-        "nominal by more than two standard deviations."
+        figure.legend(handles=_handles(), loc="outside upper center", ncols=2)
+    return Illustration(
+        settle(figure), "parameter_corrections", "Identified corrections", _caption(names, errors, sigma, unit)
     )
-    caption += _largest(errors, known, unit)
-    if len(known) < len(names):
-        caption += " A hollow mark is part of a combination that the data cannot resolve: its value is a convention (nearest to nominal), not a finding."
-    return Illustration(settle(figure), "parameter_corrections", "Identified corrections", caption)
 
 
-def _times(sigma: float | None, factor: float) -> float | None:
-    return None if sigma is None else sigma * factor
-
-
-def _corrections(axes: Axes, names: list[str], values: list[float], sigmas: list[float | None]) -> None:
-    for i, (value, sigma) in enumerate(zip(values, sigmas, strict=True)):
-        if sigma is None:
-            axes.plot([i], [value], color=_OPEN, marker="D", markerfacecolor="white", markersize=3.5, zorder=3)
-        else:
-            axes.errorbar(
-                [i],
-                [value],
-                yerr=[2 * sigma],
-                color=_DETERMINED,
-                marker="o",
-                markersize=3.5,
-                capsize=1.8,
-                capthick=0.8,
-                elinewidth=0.9,
-                zorder=3,
-            )
-    axes.axhline(0, color=INK, linewidth=0.5)
+def _corrections(axes: Axes, names: list[str], values: Array, sigmas: Array) -> None:
+    at = np.arange(len(names))
+    known = np.isfinite(sigmas)
+    crowded = len(names) > 22
+    size = 2.6 if crowded else 3.5
+    axes.axhline(0, color=INK, linewidth=0.5, zorder=1)
+    axes.errorbar(
+        at[known],
+        values[known],
+        yerr=2 * sigmas[known],
+        linestyle="none",
+        color=BLUE,
+        marker="o",
+        markersize=size,
+        capsize=0.55 * size,
+        capthick=0.8,
+        elinewidth=0.9,
+        zorder=3,
+    )
+    axes.plot(
+        at[~known],
+        values[~known],
+        linestyle="none",
+        marker="D",
+        color=FAINT,
+        markerfacecolor="white",
+        markersize=size,
+        zorder=3,
+    )
     axes.set_xlim(-0.8, len(names) - 0.2)
-    axes.set_xticks(range(len(names)), [symbol(n) for n in names], fontsize=7 if len(names) <= 22 else 5.5)
+    axes.set_xticks(at, [escaped(symbol(n)) for n in names], fontsize=6 if crowded else 7)
     axes.tick_params(axis="x", length=0)
     grid(axes)
 
 
-def _largest(errors: dict[str, float], names: list[str], unit: dict[str, str]) -> str:
-    parts = []
+def _handles() -> list[Line2D]:
+    determined = "correction ± 2 standard deviations"
+    return [
+        Line2D([], [], color=BLUE, marker="o", linestyle="-", markersize=3.5, label=determined),
+        Line2D(
+            [],
+            [],
+            color=FAINT,
+            marker="D",
+            linestyle="none",
+            markerfacecolor="white",
+            markersize=3.5,
+            label="not determined by the data",
+        ),
+    ]
+
+
+def _caption(
+    names: list[str], errors: dict[str, float], sigma: dict[str, float | None], unit: Mapping[str, str]
+) -> str:
+    found = {n: s for n in names if (s := sigma[n]) is not None}
+    significant = sum(abs(errors[n]) > 2 * s for n, s in found.items())
+    caption = (
+        f"Corrections of the {plural(len(names), 'link parameter')}. The data determine {len(found)} of them one by "
+        f"one; {significant} of these differ from nominal by more than two standard deviations."
+    )
+    largest = []
     for kind, factor, label in (("rad", 1e3, "mrad"), ("mm", 1.0, "mm")):
-        group = [n for n in names if unit[n] == kind]
+        group = [n for n in found if unit[n] == kind]
         if group:
             name = max(group, key=lambda n: abs(errors[n]))
-            parts.append(f"{number(errors[name] * factor)} {label} of {name}")
-    return f" The largest are {listed(parts)}." if len(parts) > 1 else f" The largest is {parts[0]}." if parts else ""
+            largest.append(f"{number(errors[name] * factor)} {label} of {symbol(name)}")
+    if largest:
+        caption += f" The largest: {listed(largest)}."
+    if len(found) < len(names):
+        caption += (
+            " A hollow mark belongs to a combination of parameters that the data cannot resolve: its value is a "
+            "convention (nearest to nominal), no finding."
+        )
+    return caption
 
 
 def correlation_matrix(fit: Fit) -> Illustration:
-    """Correlations of the parameters that the data determine, as the lower triangle; a bar marks the clearly negative ones.
+    """Correlations of the parameters that the data determine one by one, as a lower triangle; dashes: negative.
 
     Raises:
         ValueError: fewer than two parameters are determined.
     """
     seen = fit.identifiability
     keep = [i for i, sigma in enumerate(uncertainty.sigmas(seen)) if sigma is not None]
-    if len(keep) < 2:
+    n = len(keep)
+    if n < 2:
         raise ValueError("a correlation takes two parameters that the data determine")
     matrix = uncertainty.correlation(seen)[np.ix_(keep, keep)]
-    names = [seen.names[i] for i in keep]
-    n = len(keep)
-    side = float(np.clip(4.2 * n + 30, 85, 150))
+    names = [symbol(seen.names[i]) for i in keep]
+    side = float(np.clip(3.3 * n + 24, 70, 150))
     shown = np.ma.masked_where(np.triu(np.ones((n, n), dtype=bool)), matrix)[1:, :-1]
     with print_settings():
-        figure = sheet(side + 14, side)
+        figure = sheet(side, side)
         axes = figure.add_subplot()
         image = axes.imshow(shown, cmap="RdBu_r", vmin=-1, vmax=1, aspect="equal", interpolation="none")
-        for row, column in zip(*np.nonzero(np.tril(matrix[1:, :-1] < -0.3)), strict=True):
-            axes.plot(
-                [column - 0.22, column + 0.22],
-                [row, row],
-                color="white" if matrix[row + 1, column] < -0.6 else INK,
-                linewidth=0.7,
-            )
+        _cell_edges(axes, n - 1)
+        rows, columns = np.nonzero(np.tril(matrix, -1)[1:, :-1] < -0.3)
+        dark = matrix[rows + 1, columns] < -0.6
+        bars = [[(c - 0.22, r), (c + 0.22, r)] for r, c in zip(rows, columns, strict=True)]
+        axes.add_collection(
+            LineCollection(bars, colors=["white" if d else INK for d in dark], linewidths=0.7), autolim=False
+        )
         size = 6.5 if n <= 25 else 5.5
-        axes.set_xticks(range(n - 1), [symbol(k) for k in names[:-1]], rotation=90, fontsize=size)
-        axes.set_yticks(range(n - 1), [symbol(k) for k in names[1:]], fontsize=size)
+        axes.set_xticks(range(n - 1), [escaped(k) for k in names[:-1]], rotation=90, fontsize=size)
+        axes.set_yticks(range(n - 1), [escaped(k) for k in names[1:]], fontsize=size)
         axes.tick_params(length=0, pad=2)
-        for edge in np.arange(-0.5, n - 1):
-            axes.plot([edge, edge], [edge, n - 1.5], color="white", linewidth=0.5)
-            axes.plot([-0.5, edge + 1], [edge, edge], color="white", linewidth=0.5)
         axes.spines[:].set_visible(False)
-        bar = figure.colorbar(image, ax=axes, shrink=0.6, aspect=25, pad=0.02, ticks=[-1, -0.5, 0, 0.5, 1])
-        bar.set_label("correlation (bar in a cell: negative)")
-        bar.outline.set_linewidth(0.4)  # type: ignore[operator]
+        inset = axes.inset_axes((0.52, 0.93, 0.46, 0.025))
+        bar = figure.colorbar(image, cax=inset, orientation="horizontal", ticks=[-1, -0.5, 0, 0.5, 1])
+        bar.set_label("correlation (dash in a cell: below −0.3)")
+        inset.tick_params(length=1.5)
     pairs = np.tril(np.abs(matrix), -1)
     order = np.argsort(pairs, axis=None)[::-1][: min(3, n * (n - 1) // 2)]
-    named = [(int(k) // n, int(k) % n) for k in order]
-    strongest = listed([f"{names[j]} with {names[i]} ({number(float(matrix[i, j]), 2)})" for i, j in named])
+    strongest = listed(
+        [f"{names[k % n]} with {names[k // n]} ({number(float(matrix[k // n, k % n]), 2)})" for k in order.tolist()]
+    )
     strong = int(np.sum(pairs > 0.9))
-    caption = f"Correlations of the {n} parameters that the data determine one by one. Strongest: {strongest}. " + (
-        f"{plural(strong, 'pair')} above 0.9 in size: they are known better as a sum or difference than each by itself."
-        if strong
-        else "None is above 0.9 in size."
+    caption = (
+        f"Correlations of the {n} parameters that the data determine one by one, frames included. "
+        f"Strongest: {strongest}. "
+        + (
+            f"{plural(strong, 'pair')} above 0.9 in size: known better together than each by itself."
+            if strong
+            else "None is above 0.9 in size."
+        )
     )
     return Illustration(settle(figure), "correlation", "Correlations", caption)
+
+
+def _cell_edges(axes: Axes, count: int) -> None:
+    edges = np.arange(count + 1) - 0.5
+    upright = [[(e, max(e - 1, -0.5)), (e, count - 0.5)] for e in edges]
+    level = [[(-0.5, e), (min(e + 1, count - 0.5), e)] for e in edges]
+    axes.add_collection(LineCollection([*upright, *level], colors="white", linewidths=0.5), autolim=False)

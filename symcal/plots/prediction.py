@@ -9,8 +9,8 @@ from scipy import stats
 from symcal.dataset import Dataset
 from symcal.evaluate import Errors, expected_position_rms
 from symcal.identify import Calibration
-from symcal.plots.residuals import per_pose
-from symcal.plots.style import FAINT, INK, NARROW, Illustration, grid, print_settings, settle, sheet
+from symcal.plots.panels import per_pose
+from symcal.plots.style import BLUE, FAINT, INK, NARROW, VERMILION, Illustration, grid, print_settings, settle, sheet
 from symcal.words import number, plural
 
 Array = NDArray[np.float64]
@@ -19,7 +19,8 @@ Array = NDArray[np.float64]
 def predicted_error(calibration: Calibration, data: Dataset, after: Errors) -> Illustration:
     """Realised position error of held-out poses over the predicted one, with the noise of the measurement in both.
 
-    Predicted is sqrt(tr(J C J^T) + tr Sigma), per point; the 95 % limit takes the components as independent and alike, which is ours.
+    Predicted is sqrt(tr(J C J^T) + tr Sigma) per point. The 95 % limit takes the components as independent and alike,
+    which is ours.
 
     Args:
         data: held-out measurements. after: the errors of the identified robot on them.
@@ -33,7 +34,7 @@ def predicted_error(calibration: Calibration, data: Dataset, after: Errors) -> I
     limit = np.sqrt(stats.chi2.ppf(0.95, components) / components)
     inside = realised <= predicted * limit
     with print_settings():
-        figure = sheet(NARROW, 62)
+        figure = sheet(NARROW, 60)
         axes = figure.add_subplot()
         low, high = float(predicted.min()), float(predicted.max())
         margin = 0.06 * (high - low) or 0.05 * high
@@ -47,13 +48,13 @@ def predicted_error(calibration: Calibration, data: Dataset, after: Errors) -> I
             linestyle="--",
             label="95 % should be below",
         )
-        axes.plot(predicted[inside], realised[inside], linestyle="none", marker="o", color="#00517F", markersize=2.6)
+        axes.plot(predicted[inside], realised[inside], linestyle="none", marker="o", color=BLUE, markersize=2.6)
         axes.plot(
             predicted[~inside],
             realised[~inside],
             linestyle="none",
             marker="D",
-            color="#D55E00",
+            color=VERMILION,
             markerfacecolor="white",
             markersize=2.8,
         )
@@ -62,12 +63,14 @@ def predicted_error(calibration: Calibration, data: Dataset, after: Errors) -> I
         axes.set(xlabel="predicted rms position error / mm", ylabel="measured error / mm")
         grid(axes, "both")
         axes.legend(loc="upper left", fontsize=6)
+    rms, hoped, alone = (number(float(np.sqrt(np.mean(v**2)))) for v in (realised, predicted, expected))
+    share = number(100 * float(inside.mean()), 2)
     caption = (
-        f"Measured against predicted position error of {plural(len(poses), 'held-out pose')}: {number(100 * float(inside.mean()), 2)} % are below the 95 % limit, "
-        f"and the rms is {number(float(np.sqrt(np.mean(realised**2))))} mm where {number(float(np.sqrt(np.mean(predicted**2))))} mm was predicted. Of that, the "
-        f"uncertainty of the parameters alone makes {number(float(np.sqrt(np.mean(expected**2))))} mm; the rest is noise as the training data show it."
+        f"Measured against predicted position error of {plural(len(poses), 'held-out pose')}: {share} % are below the "
+        f"95 % limit, and the rms is {rms} mm where {hoped} mm was predicted. Of that, the uncertainty of the "
+        f"parameters alone makes {alone} mm; the rest is noise as the training data show it."
     )
-    return Illustration(settle(figure), "predicted_error", "Was the error to be expected?", caption)
+    return Illustration(settle(figure), "predicted_error", "Predicted and measured error", caption)
 
 
 def _noise(calibration: Calibration, data: Dataset) -> Array:

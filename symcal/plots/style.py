@@ -20,8 +20,10 @@ NARROW, WIDE = 85.0, 170.0
 """Widths of one and of two columns of a page, mm."""
 
 INK, FAINT, RULE = "#1a1a1a", "#8a8a8a", "#d9d9d9"
+BLUE, GREEN, ORANGE, VERMILION = "#00517F", "#009E73", "#E69F00", "#D55E00"
+"""Of [OkabeIto2008], the blue darkened: orange, green and blue then differ by lightness alone."""
 
-_SETTINGS: dict[str, Any] = {
+_SETTINGS: Any = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
     "mathtext.fontset": "dejavusans",
@@ -70,7 +72,7 @@ _SETTINGS: dict[str, Any] = {
 class Illustration:
     """A figure with what it says.
 
-    name: of its files, without suffix. title: a few words. caption: what it shows, with numbers computed from what is drawn.
+    name: of its files, without suffix. title: a few words. caption: what it shows, its numbers computed from the data.
     """
 
     figure: Figure
@@ -96,17 +98,17 @@ class Look:
 
 LOOKS: dict[str, Look] = {
     "before_raw": Look("nominal, frames as given", "#999999", "x", ":", True),
-    "before": Look("before: nominal, frames fitted", "#E69F00", "o", "--", True),
-    "offsets_only": Look("joint offsets only", "#009E73", "^", "-.", True),
-    "after": Look("after: all that is identifiable", "#00517F", "o", "-", False),
+    "before": Look("before: nominal, frames fitted", ORANGE, "o", "--", True),
+    "offsets_only": Look("joint offsets only", GREEN, "^", "-.", True),
+    "after": Look("after: all that is identifiable", BLUE, "o", "-", False),
 }
-"""Orange, green and blue of [OkabeIto2008], the blue darkened so that lightness alone tells the three apart."""
+"""From light to dark."""
 
 PARTS: dict[str, str] = {
     "train": "training",
     "test": "held-out",
     "cross_validation": "cross-validated",
-    "truth": "simulated true",
+    "truth": "simulated test",
 }
 
 
@@ -130,6 +132,11 @@ def settle(figure: Figure) -> Figure:
             engine.execute(figure)
     figure.set_layout_engine("none")
     return figure
+
+
+def escaped(text: str) -> str:
+    """Text that matplotlib takes literally: a name may have two dollars in it."""
+    return text.replace("$", r"\$")
 
 
 def grid(axes: Axes, axis: str = "y") -> None:

@@ -1,13 +1,18 @@
-"""The report of an identification as text: results in, strings for the template out. Nothing is computed but units and rounding."""
+"""The report of an identification as text: results in, strings for the template out.
+
+Nothing is computed here but units and rounding.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from symcal.report.verdict import judged, verdict
-from symcal.words import fixed, listed, number, plural, symbol
+from symcal.report.parameter_table import parameter_table
+from symcal.report.verdict import judging_part, verdict
+from symcal.words import MINUS, fixed, listed, number, plural
 
 Content = Mapping[str, Any]
 
@@ -19,25 +24,30 @@ _STATES = {
 }
 _PARTS = {
     "test": "held-out poses",
-    "cross_validation": "cross-validated",
+    "cross_validation": "cross-validation",
     "train": "training poses",
-    "truth": "test poses, against the truth",
+    "truth": "simulated test poses, against the truth",
 }
 _COLUMNS = ("rms", "mean", "p95", "max")
+_MOST_NAMED = 8  # parameters of an unseen direction that are named in the report
+_WIDEST = 1e4  # largest ratio of numbers in a column that still share their decimals
 
 
 def identification_text(content: Content) -> dict[str, Any]:
-    """Everything that the template `identification` prints, by section."""
+    """Everything that the template `identification` prints, by section.
+
+    Args:
+        content: the results dictionary (results.json).
+    """
     return {
         "title": content.get("title") or content["name"],
         "subtitle": _subtitle(content),
-        "name": content["name"],
         "version": content["versions"].get("symcal", ""),
         "verdict": verdict(content),
         "warnings": list(content.get("warnings", [])),
         "accuracy": _accuracy(content),
         "identifiability": _identifiability(content),
-        "parameters": _parameters(content["identification"]["parameters"]),
+        "parameters": parameter_table(content["identification"]["parameters"]),
         "frames": _frames(content.get("frames", {}), content["measurement"].get("estimate", [])),
         "facts": _facts(content),
         "inputs": [[path, digest] for path, digest in content["inputs"].items()],
@@ -46,164 +56,137 @@ def identification_text(content: Content) -> dict[str, Any]:
 
 def _subtitle(content: Content) -> str:
     robot, measurement = content["robot"], content["measurement"]
-    poses = listed([f"{count} {part}" for part, count in measurement["poses"].items() if count])
+    words = {"train": "training", "test": "held-out"}
+    poses = listed([f"{count} {words.get(part, part)}" for part, count in measurement["poses"].items() if count])
     points = measurement.get("points", [])
-    tail = f" of {plural(len(points), 'point')}" if len(points) > 1 else ""
+    of_points = f" of {plural(len(points), 'point')}" if len(points) > 1 else ""
     return (
-        f"{robot['name']}, {plural(robot['dof'], 'joint')}, {robot['convention']} link convention; {measurement['type']} measurements{tail}, {poses} "
-        "poses"
+        f"{robot['name']}: {plural(robot['dof'], 'joint')}, {robot['convention']} link convention. "
+        f"{measurement['type'].capitalize()} measurements{of_points}, {poses} poses."
     )
 
 
-# -------------------------------------------------------------------------------------------------------------- accuracy
+# ------------------------------------------------------------------------------------------------------------ accuracy
 
 
 def _accuracy(content: Content) -> dict[str, Any]:
+    parts = [part for part in _PARTS if part in content["accuracy"]]
+    quantities = [q for q in ("position_mm", "orientation_deg") if _rms_values(content, parts, q)]
+    decimals = {q: _shared_decimals(_rms_values(content, parts, q)) for q in quantities}
     groups = []
-    angles = False
-    for part in [p for p in _PARTS if p in content["accuracy"]]:
+    for part in parts:
         states = content["accuracy"][part]
         rows = []
         for state in [s for s in _STATES if s in states]:
-            position, angle = states[state]["position_mm"], states[state].get("orientation_deg")
-            angles |= angle is not None
-            cells = [number(position[c]) for c in _COLUMNS]
-            cells += ["–"] * 4 if angle is None else [number(angle[c]) for c in _COLUMNS]
+            cells: list[str] = []
+            for q in quantities:
+                found = states[state].get(q)
+                cells += ["–"] * 4 if found is None else [_cell(found[c], decimals[q]) for c in _COLUMNS]
             rows.append({"label": _STATES[state], "cells": cells, "strong": state == "after"})
-        groups.append({"label": _part_label(content, part), "rows": rows, "judges": part == judged(content)})
-    if not angles:
-        for group in groups:
-            for row in group["rows"]:
-                row["cells"] = row["cells"][:4]
+        groups.append({"label": _group_label(content, part), "rows": rows})
+    angles = "orientation_deg" in quantities
     note = (
-        f"Euclidean norms over observations{' and rotation angles over poses' if angles else ''}, against the {content['against']} unless the truth is "
-        "named. 'Before' is the nominal kinematics with base and tool fitted on the training poses."
+        f"Euclidean norms over observations{', rotation angles over poses' if angles else ''}, "
+        f"against the {content['against']}{' unless the truth is named' if 'truth' in parts else ''}. 'Before' is the "
+        "nominal kinematics with base and tool fitted on the training poses; 95 % of the errors are below the figure "
+        "under 95 %."
     )
     return {"groups": groups, "angles": angles, "note": note}
 
 
-def _part_label(content: Content, part: str) -> str:
+def _rms_values(content: Content, parts: Sequence[str], quantity: str) -> list[float]:
+    states = [content["accuracy"][part].get(state, {}) for part in parts for state in _STATES]
+    return [state[quantity]["rms"] for state in states if state.get(quantity)]
+
+
+def _shared_decimals(values: Sequence[float]) -> int | None:
+    """Decimals that leave the smallest number three digits; None where the numbers differ too much for that."""
+    smallest = min(values)
+    if smallest <= 0 or max(values) > _WIDEST * smallest:
+        return None
+    return max(2 - math.floor(math.log10(smallest)), 0)
+
+
+def _cell(value: float, decimals: int | None) -> str:
+    return number(value) if decimals is None else fixed(value, decimals)
+
+
+def _group_label(content: Content, part: str) -> str:
     facts = content["accuracy"][part]
-    count = facts["after"]["position_mm"]["count"]
     folds = f", {facts['folds']} folds" if "folds" in facts else ""
-    return f"{_PARTS[part]} ({plural(count, 'observation')}{folds})"
+    label = f"{_PARTS[part]} ({plural(facts['after']['position_mm']['count'], 'observation')}{folds})"
+    return f"{label}: these judge" if part == judging_part(content) and part != "train" else label
 
 
-# ------------------------------------------------------------------------------------------------------- identifiability
+# ----------------------------------------------------------------------------------------------------- identifiability
 
 
 def _identifiability(content: Content) -> dict[str, Any]:
     seen = content["identifiability"]
     total, rank, released = seen["parameters"], seen["rank"], seen.get("released", 0)
-    hidden = total - rank
     text = (
-        f"The model has {plural(total, 'parameter')}. At the noise of the measurement {plural(rank, 'direction')} in their space "
-        f"{'is' if rank == 1 else 'are'} determined better than the plausible size of an error there"
+        f"The model has {plural(total, 'parameter')}. At the noise of the measurement {plural(rank, 'direction')} in their "
+        f"space {'is' if rank == 1 else 'are'} determined better than the plausible size of an error there"
     )
     if released:
-        text += f" ({released} of them below that threshold, released because the data contradict the nominal value)"
+        text += f" ({released} of them from below that threshold, as the data contradict the nominal value)"
     if seen.get("numerical_rank") is not None:
         text += f"; without noise it would be {seen['numerical_rank']}"
     text += "."
     if seen.get("condition_number") is not None:
         text += f" The condition number of the determined part is {number(seen['condition_number'])}."
-    if hidden:
-        text += (
-            f" The following {'direction is' if hidden == 1 else f'{hidden} directions are'} not seen and "
-            f"{'was' if hidden == 1 else 'were'} left at nominal:"
-        )
-    else:
+    hidden = total - rank
+    if hidden == 0:
         text += " Nothing is unseen."
-    return {"text": text, "unseen": [_sentence(entry["text"]) for entry in seen["unseen"]]}
+    elif hidden == 1:
+        text += " One direction is not seen and was left at nominal:"
+    else:
+        text += f" {hidden} directions are not seen and were left at nominal:"
+    return {"text": text, "unseen": [_unseen(entry) for entry in seen["unseen"]]}
 
 
-def _sentence(text: str) -> str:
+def _unseen(entry: Mapping[str, Any]) -> str:
+    """The sentence of an unseen direction; of a long one only the parameters that move most for their scale."""
+    direction = entry["direction"]
+    if len(direction) > _MOST_NAMED:
+        foremost = sorted(direction, key=lambda name: -abs(direction[name]))[:_MOST_NAMED]
+        return (
+            f"{len(direction)} parameters can be changed together unseen, foremost {listed(foremost)} "
+            "(all of them are in results.json)."
+        )
+    text: str = entry["text"]
+    text = re.sub(r"(?<=\s)-(?=[\d.])", MINUS, text)
     return text if text.endswith(".") else f"{text}."
 
 
-# ------------------------------------------------------------------------------------------------------------ parameters
+# -------------------------------------------------------------------------------------------- frames, how it was made
 
 
-def _parameters(parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """Rows in the order of the vector; angles in deg, lengths in mm, all of one unit with as many decimals as its sigmas ask for."""
-    decimals = {unit: _decimals(parameters, unit) for unit in {p["unit"] for p in parameters.values()}}
-    rows = []
-    for name, p in parameters.items():
-        factor, unit = (180 / math.pi, "deg") if p["unit"] == "rad" else (1.0, p["unit"])
-        places = decimals[p["unit"]]
-        sigma = p["sigma"]
-        rows.append(
-            {
-                "symbol": symbol(name),
-                "name": name,
-                "nominal": fixed(p["nominal"] * factor, places),
-                "error": fixed(p["error"] * factor, places),
-                "identified": fixed(p["identified"] * factor, places),
-                "sigma": _sigma(sigma, factor, places),
-                "unit": unit,
-                "state": "fixed" if not p.get("free", True) else "open" if sigma is None else "determined",
-            }
-        )
-    states = {row["state"] for row in rows}
-    notes = []
-    if "open" in states:
-        notes.append(
-            "Grey rows without a standard deviation (–): the data do not determine this parameter by itself, only combinations of it with others; "
-            "the value is the one nearest to nominal and no finding."
-        )
-    if "fixed" in states:
-        notes.append("Rows marked 'fixed' were held at nominal as the experiment asks.")
-    return {"rows": rows, "notes": notes}
-
-
-def _decimals(parameters: Mapping[str, Mapping[str, Any]], unit: str) -> int:
-    factor = 180 / math.pi if unit == "rad" else 1.0
-    known = [p["sigma"] * factor for p in parameters.values() if p["unit"] == unit and p["sigma"]]
-    if not known:
-        return 4 if unit == "rad" else 3
-    return min(max(1 - math.floor(math.log10(min(known))), 2), 6)
-
-
-def _sigma(sigma: float | None, factor: float, places: int) -> str:
-    if sigma is None:
-        return "–"
-    value = sigma * factor
-    return number(value, 2) if 0 < value < 0.5 * 10**-places else fixed(value, places)
-
-
-def _frames(frames: Mapping[str, Any], estimated: list[str]) -> list[dict[str, Any]]:
-    rows = []
+def _frames(frames: Mapping[str, Any], estimated: Sequence[str]) -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = []
     for key, label in (("base", "base in world"), ("tool", "tool in flange")):
         if key in frames:
-            frame = frames[key]
-            cells = [fixed(v, 3) for v in frame["xyz_mm"]] + [fixed(v, 4) for v in frame["rpy_deg"]]
+            cells = [fixed(v, 3) for v in frames[key]["xyz_mm"]] + [fixed(v, 4) for v in frames[key]["rpy_deg"]]
             rows.append({"label": label, "cells": cells, "estimated": key in estimated})
     for name, xyz in frames.get("points_mm", {}).items():
-        cells = [fixed(v, 3) for v in xyz] + ["", "", ""]
+        cells = [*(fixed(v, 3) for v in xyz), "", "", ""]
         rows.append({"label": f"point {name} in tool", "cells": cells, "estimated": "points" in estimated})
     return rows
 
 
-# ----------------------------------------------------------------------------------------------------------- how it was made
-
-
 def _facts(content: Content) -> list[list[str]]:
     found = content["identification"]
+    solver = found["solver"].replace("_", " ")
     facts = [
-        [
-            "solver",
-            f"{found['solver'].replace('_', ' ')}, {plural(found['iterations'], 'accepted step')}; {found['message']}",
-        ],
+        ["solver", f"{solver}, {plural(found['iterations'], 'accepted step')}; {found['message']}"],
         ["noise", _noise(found)],
         [
-            "equations",
-            f"{found['equations']}, less {content['identifiability']['rank']} directions: {plural(found['dof'], 'degree')} of freedom",
+            "degrees of freedom",
+            f"{found['dof']}: {found['equations']} equations less {content['identifiability']['rank']} directions",
         ],
     ]
     if found.get("chi_squared") is not None:
-        facts.append(
-            ["weighted squares", f"{number(found['chi_squared'], 4)} (sum of squared residuals over their variances)"]
-        )
+        facts.append(["chi-squared", f"{number(found['chi_squared'], 4)}: squared residuals over their variances"])
     facts.append(["random seed", str(content["seed"])])
     facts.append(["versions", ", ".join(f"{name} {version}" for name, version in content["versions"].items())])
     return facts
@@ -211,11 +194,8 @@ def _facts(content: Content) -> list[list[str]]:
 
 def _noise(found: Mapping[str, Any]) -> str:
     parts = []
-    for key, group, unit in (
-        ("noise_sigma_mm", "position", "mm per axis"),
-        ("noise_sigma_deg", "orientation", "deg per axis"),
-    ):
+    for key, group, unit in (("noise_sigma_mm", "position", "mm"), ("noise_sigma_deg", "orientation", "deg")):
         if found.get(key) is not None:
-            how = "estimated from the training data" if group in found.get("noise_estimated", []) else "as given"
-            parts.append(f"{number(found[key])} {unit} ({group}, {how})")
-    return "standard deviation " + ", ".join(parts) if parts else "as given with each measurement"
+            how = "estimated from the training data" if group in found.get("noise_estimated", []) else "given"
+            parts.append(f"{number(found[key])} {unit} per axis of {group} ({how})")
+    return "standard deviation " + ", ".join(parts) if parts else "given with each measurement"

@@ -1,4 +1,4 @@
-"""A report through a Typst template: text and pictures in, PDF out. Only fonts that Typst brings along are asked for."""
+"""A report through a Typst template: text and pictures in, PDF out; it asks only for fonts that Typst brings along."""
 
 from __future__ import annotations
 

@@ -9,44 +9,38 @@ from symcal.words import number, plural
 
 Content = Mapping[str, Any]
 
-_UNCHANGED = 0.02  # relative change of an rms that is not called a change
+UNCHANGED = 0.02
+"""Relative change of an rms that is not called a change."""
 
 
-def judged(content: Content) -> str:
+def judging_part(content: Content) -> str:
     """The part of the data that judges: held-out poses, else cross-validation, else the training poses."""
     return next(part for part in ("test", "cross_validation", "train") if part in content["accuracy"])
 
 
-def over(content: Content, part: str) -> str:
-    """The poses of a part in words."""
-    facts = content["accuracy"][part]
-    poses = content["measurement"]["poses"]
-    if part == "cross_validation":
-        count = facts["after"]["position_mm"]["count"]
-        return f"{plural(count, 'observation')} held out in turn ({facts['folds']}-fold cross-validation)"
-    if part == "truth":
-        return plural(facts["after"]["position_mm"]["count"], "simulated test point")
-    return f"{poses[part]} {'held-out' if part == 'test' else 'training'} pose{'' if poses[part] == 1 else 's'}"
-
-
 def verdict(content: Content) -> list[str]:
-    """Sentences for page one, most important first."""
-    accuracy, part = content["accuracy"], judged(content)
-    sentences = [_main(content, part)]
-    position = accuracy[part]["after"]["position_mm"]
-    sentences.append(
-        f"Afterwards 95 % of these position errors are below {number(position['p95'])} mm; the largest is {number(position['max'])} mm."
-    )
+    """Sentences for page one, the most important first.
+
+    Args:
+        content: the results dictionary (results.json).
+    """
+    accuracy, part = content["accuracy"], judging_part(content)
+    after = accuracy[part]["after"]["position_mm"]
+    sentences = [
+        _main(content, part),
+        f"Errors are taken against the {content['against']}. Afterwards 95 % of these position errors are below "
+        f"{number(after['p95'])} mm; the largest is {number(after['max'])} mm.",
+    ]
     if "offsets_only" in accuracy[part]:
-        sentences.append(
-            f"Correcting the joint offsets alone gives {number(_rms(content, part, 'offsets_only'))} mm rms."
-        )
+        offsets = _rms(content, part, "offsets_only")
+        sentences.append(f"Correcting the joint offsets alone gives {number(offsets)} mm rms.")
     if "truth" in accuracy:
         sentences.append(_truth(content))
     expected = content.get("expected_position_rms_mm", {}).get("test" if part == "test" else "train")
     if expected is not None:
         sentences.append(
-            f"From the uncertainty of the parameters alone, without the noise of a measurement, {number(expected)} mm rms is to be expected."
+            "The uncertainty of the parameters alone, without the noise of a measurement, lets expect "
+            f"{number(expected)} mm rms at the {'held-out' if part == 'test' else 'training'} poses."
         )
     if part == "train":
         sentences.append("No pose was held out, so nothing here says how accurate the robot is at other poses.")
@@ -55,26 +49,34 @@ def verdict(content: Content) -> list[str]:
 
 def _main(content: Content, part: str) -> str:
     before, after = _rms(content, part, "before"), _rms(content, part, "after")
-    change = _verb(before, after)
-    sentence = (
-        f"The robot's tool error {change} from {number(before)} mm (nominal kinematics, frames fitted) to {number(after)} mm rms on "
-        f"{over(content, part)}"
-    )
     angles = [content["accuracy"][part][state].get("orientation_deg") for state in ("before", "after")]
+    sentence = (
+        f"The robot's tool error {_moved(before, after)} from {number(before)} mm (nominal kinematics, frames fitted) "
+        f"to {number(after)} mm rms on {_poses(content, part)}"
+    )
     if all(angles):
         first, last = (angle["rms"] for angle in angles)
-        sentence += f"; its orientation error {_verb(first, last)} from {number(first)} to {number(last)} deg"
-    sentence += f". Errors are taken against the {content['against']}."
-    if after > (1 - _UNCHANGED) * before:
-        sentence += " The identified kinematics predicts these poses no better than the nominal one: do not use it for its accuracy."
+        sentence += f"; its orientation error {_moved(first, last)} from {number(first)} to {number(last)} deg"
+    sentence += "."
+    if after > (1 - UNCHANGED) * before:
+        sentence += " The identified kinematics predicts these poses no better than the nominal one."
     return sentence
+
+
+def _poses(content: Content, part: str) -> str:
+    facts = content["accuracy"][part]
+    if part == "cross_validation":
+        count = facts["after"]["position_mm"]["count"]
+        return f"{plural(count, 'observation')} held out in turn ({facts['folds']}-fold cross-validation)"
+    return plural(content["measurement"]["poses"][part], "held-out pose" if part == "test" else "training pose")
 
 
 def _truth(content: Content) -> str:
     before, after = _rms(content, "truth", "before"), _rms(content, "truth", "after")
+    count = content["accuracy"]["truth"]["after"]["position_mm"]["count"]
     return (
-        f"Against the simulated truth, on {over(content, 'truth')} without noise, the error {_verb(before, after)} from {number(before)} to "
-        f"{number(after)} mm rms."
+        f"Against the simulated truth, without noise, the error {_moved(before, after)} from {number(before)} to "
+        f"{number(after)} mm rms on {plural(count, 'test point')}."
     )
 
 
@@ -84,13 +86,13 @@ def _seen(content: Content) -> str:
     if rank == total:
         return f"The data determine all {total} parameters."
     return (
-        f"Of {plural(total, 'parameter')} the data determine {plural(rank, 'combination')}; the other {total - rank} stay at their nominal values, and "
-        "parameters that they touch have no standard deviation of their own."
+        f"Of {plural(total, 'parameter')} the data determine {plural(rank, 'combination')}; the other {total - rank} "
+        "stay at their nominal values, and parameters that they touch have no standard deviation of their own."
     )
 
 
-def _verb(before: float, after: float) -> str:
-    if abs(after - before) <= _UNCHANGED * before:
+def _moved(before: float, after: float) -> str:
+    if abs(after - before) <= UNCHANGED * before:
         return "went"
     return "fell" if after < before else "rose"
 

@@ -1,0 +1,93 @@
+"""What figures of errors share: where the poses of each part of the data stand, their titles, the legend."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from symcal.evaluate import Errors
+from symcal.plots.style import FAINT, LOOKS, PARTS, Comparison, Look, marks
+from symcal.words import plural
+
+Array = NDArray[np.float64]
+
+SHOWN = ("before", "offsets_only", "after")
+
+_SMALLEST_SHARE = 0.25
+_GAP = 0.02
+
+
+def drawn_parts(errors: Comparison) -> list[str]:
+    """The parts that a fit and its judgement stand on, as far as there are errors of them."""
+    return [part for part in ("train", "test") if errors.get(part)]
+
+
+def places(counts: Sequence[int]) -> list[Array]:
+    """Abscissas of the members of each part, in 0..1 with a gap between parts.
+
+    A part's width goes with its size, but a small one beside a large one keeps a quarter.
+    """
+    shares = np.maximum(np.array(counts) / sum(counts), _SMALLEST_SHARE if len(counts) > 1 else 1.0)
+    widths = shares / shares.sum() * (1 - _GAP * (len(counts) - 1))
+    starts = np.concatenate([[0.0], np.cumsum(widths[:-1] + _GAP)])
+    return [s + w * (np.arange(n) + 0.5) / n for s, w, n in zip(starts, widths, counts, strict=True)]
+
+
+def marker_size(counts: Sequence[int]) -> float:
+    """Marker size in points that leaves so many marks apart as long as that can be read."""
+    return float(np.clip(3.4 - 0.006 * sum(counts), 1.2, 3.0))
+
+
+def crowded(counts: Sequence[int]) -> bool:
+    """Whether the marks of the poses run into a cloud, so that only what matters most should be drawn."""
+    return max(counts) > 300
+
+
+def dress(axes: Axes, at: list[Array], titles: Sequence[str] = ()) -> None:
+    """Limits, the line between the parts, and their titles above."""
+    axes.set_xlim(-0.008, 1.008)
+    axes.set_xticks([])
+    for left, right in pairwise(at):
+        axes.axvline((left[-1] + right[0]) / 2, color=FAINT, linewidth=0.6)
+    for x, title in zip(at, titles, strict=False):
+        axes.annotate(
+            title,
+            ((x[0] + x[-1]) / 2, 1),
+            xycoords=("data", "axes fraction"),
+            xytext=(0, 3),
+            textcoords="offset points",
+            ha="center",
+            fontsize=6.5,
+        )
+
+
+def titles(errors: Comparison, parts: Sequence[str]) -> list[str]:
+    return [f"{PARTS[part]}: {plural(len(np.unique(errors[part]['after'].pose)), 'pose')}" for part in parts]
+
+
+def legend(figure: Figure, states: Sequence[str], *, markers: bool, lines: bool) -> None:
+    """Above the figure: the states, with the signs that it uses for them."""
+    handles = [Line2D([], [], label=LOOKS[s].label, **_sign(LOOKS[s], markers, lines)) for s in states]
+    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), handlelength=2.6 if lines else 1.2)
+
+
+def _sign(look: Look, markers: bool, lines: bool) -> dict[str, Any]:
+    sign = marks(look) | {"markersize": 3.2, "linewidth": 1.1}
+    return sign | ({"linestyle": look.line} if lines else {}) | ({} if markers else {"marker": ""})
+
+
+def per_pose(values: Array, pose: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array]:
+    """Poses that were seen, and the rms of the values of each."""
+    seen, place = np.unique(pose, return_inverse=True)
+    return seen, np.sqrt(np.bincount(place, values**2) / np.bincount(place))
+
+
+def position_rms(errors: Errors) -> float:
+    return float(np.sqrt(np.mean(errors.position**2)))

@@ -1,0 +1,130 @@
+"""The error of every pose, before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from symcal.evaluate import Errors
+from symcal.plots.panels import (
+    SHOWN,
+    crowded,
+    drawn_parts,
+    dress,
+    legend,
+    marker_size,
+    per_pose,
+    places,
+    position_rms,
+    titles,
+)
+from symcal.plots.style import (
+    LOOKS,
+    PARTS,
+    RULE,
+    WIDE,
+    Comparison,
+    Illustration,
+    grid,
+    marks,
+    print_settings,
+    settle,
+    sheet,
+)
+from symcal.words import number
+
+Array = NDArray[np.float64]
+
+
+def errors_per_pose(
+    errors: Comparison, labels: Mapping[str, Sequence[str]] | None = None, against: str = "noisy measurement"
+) -> Illustration:
+    """Position error of every pose (rms over its points), and rotation angle where there is one, before and after.
+
+    Args:
+        errors: by part and state; `train` and `test` are drawn side by side in the order of the measurement.
+        labels: names of the poses of each part, for the worst one. against: what the errors are taken against.
+    """
+    parts = drawn_parts(errors)
+    orientation = all(e.orientation is not None for part in parts for e in errors[part].values())
+    several = any(e.point.max() > 0 for part in parts for e in errors[part].values())
+    with print_settings():
+        figure = sheet(WIDE, 92 if orientation else 58)
+        rows = list(figure.subplots(2 if orientation else 1, 1, sharex=True, squeeze=False)[:, 0])
+        at = _panel(rows[0], errors, parts, _position, position_rms)
+        rows[0].set_ylabel("position error" + (",\nrms over points" if several else "") + " / mm")
+        if orientation:
+            _panel(rows[1], errors, parts, _orientation, _orientation_rms)
+            rows[1].set_ylabel("orientation error / deg")
+        for row in rows:
+            dress(row, at, titles(errors, parts) if row is rows[0] else ())
+        rows[-1].set_xlabel("pose, in the order of the measurement")
+        figure.align_ylabels()
+        legend(figure, [s for s in SHOWN if s in errors[parts[0]]], markers=True, lines=True)
+    caption = _caption(errors, parts, orientation, labels or {}, against)
+    return Illustration(settle(figure), "errors_per_pose", "Error of every pose", caption)
+
+
+def _panel(
+    axes: Axes,
+    errors: Comparison,
+    parts: list[str],
+    values_of: Callable[[Errors], Array],
+    rms_of: Callable[[Errors], float],
+) -> list[Array]:
+    counts = [len(values_of(errors[part]["after"])) for part in parts]
+    at, size, top = places(counts), marker_size(counts), 0.0
+    for part, x in zip(parts, at, strict=True):
+        values = {s: values_of(errors[part][s]) for s in SHOWN if s in errors[part]}
+        half = 0.5 * (x[1] - x[0]) if len(x) > 1 else 0.01
+        if "before" in values and not crowded(counts):
+            axes.vlines(x, values["after"], values["before"], color=RULE, linewidth=0.6, zorder=1)
+        for state, found in values.items():
+            look = LOOKS[state]
+            if state != "offsets_only" or not crowded(counts):
+                axes.plot(x, found, **marks(look), markersize=size, zorder=3)
+                top = max(top, float(found.max()))
+            rms = rms_of(errors[part][state])
+            axes.hlines(rms, x[0] - half, x[-1] + half, color=look.color, linestyle=look.line, linewidth=1, zorder=4)
+    axes.set_ylim(0, 1.06 * top or 1.0)
+    grid(axes)
+    return at
+
+
+def _position(errors: Errors) -> Array:
+    return per_pose(errors.position, errors.pose)[1]
+
+
+def _orientation(errors: Errors) -> Array:
+    return np.zeros(0) if errors.orientation is None else np.rad2deg(errors.orientation)
+
+
+def _orientation_rms(errors: Errors) -> float:
+    return float(np.sqrt(np.mean(_orientation(errors) ** 2)))
+
+
+def _caption(
+    errors: Comparison, parts: list[str], orientation: bool, labels: Mapping[str, Sequence[str]], against: str
+) -> str:
+    words = {"before": "before", "offsets_only": "with joint offsets only", "after": "after"}
+    sentences = []
+    for part in parts:
+        shown = [s for s in SHOWN if s in errors[part]]
+        values = [f"{number(position_rms(errors[part][s]))}" for s in shown]
+        text = f"{' → '.join(values)} mm"
+        if orientation:
+            text += f" and {' → '.join(number(_orientation_rms(errors[part][s])) for s in shown)} deg"
+        sentences.append(f"{text} over the {PARTS[part]} poses")
+    last = parts[-1]
+    found = errors[last]["after"]
+    worst = int(np.argmax(found.position))
+    pose = int(found.pose[worst])
+    label = labels[last][pose] if last in labels else str(pose + 1)
+    return (
+        f"Tool error against the {against}, pose by pose; horizontal lines are the rms. "
+        f"Rms {' → '.join(words[s] for s in SHOWN if s in errors[last])}: {'; '.join(sentences)}. The largest position "
+        f"error after the identification is {number(float(found.position[worst]))} mm, at {PARTS[last]} pose '{label}'."
+    )

@@ -36,11 +36,11 @@ def find_chessboard(image: Image, board: Board) -> tuple[str, Float]:
     for suffix, factor in (half, plain) if large else (plain,):
         found, corners = cv2.findChessboardCorners(_resized(image, 1 / factor), size, flags=classic)
         if found:
-            return f"classic{suffix}", _refined(image, board, _unscaled(corners, factor))
+            return f"classic{suffix}", _refined(image, board, _ordered(image, board, _unscaled(corners, factor)))
     for suffix, factor in (plain, double) if small else (plain,):
         found, corners = cv2.findChessboardCornersSB(_resized(image, 1 / factor), size, flags=sector)
         if found:
-            return f"sector-based{suffix}", _refined(image, board, _unscaled(corners, factor))
+            return f"sector-based{suffix}", _refined(image, board, _ordered(image, board, _unscaled(corners, factor)))
     return "none", np.empty((0, 2))
 
 
@@ -64,6 +64,25 @@ def _resized(image: Image, factor: float) -> Image:
 def _unscaled(corners: object, factor: float) -> Float:
     """Corners of a scaled image in the original one: pixel centres are whole numbers in both."""
     return (np.asarray(corners, dtype=np.float64).reshape(-1, 2) + 0.5) * factor - 0.5
+
+
+def _ordered(image: Image, board: Board, corners: Float) -> Float:
+    """Corners in one order for all views: unmirrored, and the square between the first four black.
+
+    The second rule decides only if the colours change by half a turn: columns plus rows odd.
+    """
+    grid = corners.reshape(board.rows, board.columns, 2)
+    right, down = grid[:, -1].mean(axis=0) - grid[:, 0].mean(axis=0), grid[-1].mean(axis=0) - grid[0].mean(axis=0)
+    if right[0] * down[1] - right[1] * down[0] < 0:
+        grid = grid[:, ::-1]
+    centres = (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4
+    u, v = np.rint(centres).astype(int).reshape(-1, 2).T
+    inside = np.clip(v, 0, image.shape[0] - 1), np.clip(u, 0, image.shape[1] - 1)
+    grey = image[inside].reshape(centres.shape[:2]).astype(float)
+    odd = np.indices(grey.shape).sum(axis=0) % 2 == 1
+    if grey[odd].mean() < grey[~odd].mean() and (board.columns + board.rows) % 2:
+        grid = grid[::-1, ::-1]
+    return grid.reshape(-1, 2)
 
 
 def _refined(image: Image, board: Board, corners: Float) -> Float:

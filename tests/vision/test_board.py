@@ -46,6 +46,18 @@ def test_points_are_found_to_sub_pixel(text: str, rng: np.random.Generator) -> N
         assert np.sqrt(np.mean(errors**2)) < LIMIT_PX[board.kind]
 
 
+@pytest.mark.parametrize("half_turns", [0, 1])
+@pytest.mark.parametrize("text", ["chessboard:9x6:25mm", "asymmetric_circles:4x11:15mm"])
+def test_a_board_without_symmetry_has_one_order(text: str, half_turns: int, rng: np.random.Generator) -> None:
+    board = parse_board(text)
+    view = placed(
+        TILT * Rotation.from_rotvec([0, 0, np.pi * half_turns]), board.points.mean(axis=0), np.zeros(2), 420.0
+    )
+    found = detect_board(render_board(CAMERA, board, view, rng), board)
+    assert isinstance(found, Detection)
+    assert np.abs(found.pixels - seen(CAMERA, board, view)).max() < 1.0
+
+
 def test_the_bias_of_a_dot_is_that_of_its_ellipse() -> None:
     """Without distortion the image of a dot is a conic, whose centre is known in closed form."""
     camera, board, radius = Camera(1000, 800, 800.0, 800.0, 500.0, 400.0), parse_board("circles:4x4:40mm"), 15.0

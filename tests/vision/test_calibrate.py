@@ -11,10 +11,11 @@ import pytest
 from board_scenes import board_views, placed, seen
 from scipy.spatial.transform import Rotation
 
-from symcal.camera import Board, Camera, parse_board, rays
+from symcal.camera import Board, Camera, parse_board, project_points, rays
 from symcal.errors import RefusedError
 from symcal.vision.board import Detection, Refusal, detect_board, detect_boards
-from symcal.vision.calibrate import CameraCalibration, calibrate_camera, projection_sigma
+from symcal.vision.calibrate import CameraCalibration, calibrate_camera
+from symcal.vision.precision import projection_sigma
 from symcal.vision.render import Look, render_board
 from symcal.vision.verdict import judge
 
@@ -129,6 +130,54 @@ def test_too_few_or_useless_views_are_refused(rng: np.random.Generator) -> None:
     flat = placed(Rotation.identity(), CHESSBOARD.points.mean(axis=0), np.zeros(2), 400.0)
     with pytest.raises(RefusedError, match="do not determine"):
         calibrate_camera(noisy([exact(str(i), flat) for i in range(5)], 1e-6, rng), CHESSBOARD)
+
+
+def test_a_bowed_board_gives_the_camera_and_its_shape(rng: np.random.Generator) -> None:
+    """A board that sags by 1.5 mm: taken as flat its errors are large, taken as it is they are those of the noise."""
+    flat = CHESSBOARD.points
+    x, y = (flat[:, :2] - flat[:, :2].mean(axis=0)).T / 100
+    height = 1.5 * (1 - x**2) * (1 - y**2 / 2)
+    height -= (height[8] - height[0]) / 200 * flat[:, 0] + height[0]
+    height -= height[-1] / flat[-1, 1] * flat[:, 1]  # the seven coordinates that carry the frame are those of the board
+    bent = flat + np.column_stack([np.zeros((len(flat), 2)), height])
+    detections = []
+    for i, view in enumerate(board_views(CAMERA, CHESSBOARD, 14, rng)):
+        pixels = project_points(CAMERA, bent @ view[:3, :3].T + view[:3, 3])
+        detections.append(Detection(str(i), (1000, 800), np.arange(len(flat)), pixels, None, 1.0, "exact"))
+    detections = noisy(detections, 0.05, rng)
+    as_flat = calibrate_camera(detections, CHESSBOARD)
+    result = calibrate_camera(detections, CHESSBOARD, bowed=True)
+    assert as_flat.camera.rms_px is not None
+    assert result.camera.rms_px is not None
+    assert as_flat.camera.rms_px > 3 * result.camera.rms_px
+    share = 1 - (8 + 6 * 14 + 3 * 54 - 7) / (2 * 54 * 14)  # of the noise that the unknowns leave in the residuals
+    assert result.camera.rms_px == pytest.approx(0.05 * np.sqrt(2 * share), rel=0.08)
+    assert np.abs((result.camera.intrinsics - CAMERA.intrinsics)[:8] / result.sigma[:8]).max() < 4
+    assert result.shape is not None
+    assert np.abs(result.shape - bent).max() < 0.15
+
+
+def test_a_bowed_fit_agrees_with_opencv(rng: np.random.Generator) -> None:
+    detections = noisy([exact(str(i), v) for i, v in enumerate(board_views(CAMERA, CHESSBOARD, 12, rng))], 0.05, rng)
+    result = calibrate_camera(detections, CHESSBOARD, bowed=True)
+    points = [CHESSBOARD.points.astype(np.float32)] * len(detections)
+    pixels = [d.pixels.astype(np.float32) for d in detections]
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-12)
+    flags = cv2.CALIB_FIX_K3 | getattr(cv2, "CALIB_DISABLE_SCHUR_COMPLEMENT", 0)
+    size, start = (1000, 800), (np.eye(3), np.zeros(5))
+    answer = cv2.calibrateCameraROExtended(points, pixels, size, 8, *start, flags=flags, criteria=criteria)
+    assert result.free[-1] == "p2"
+    assert result.camera.fx == pytest.approx(answer[1][0, 0], abs=0.02 * result.sigma[0])
+    assert result.camera.rms_px == pytest.approx(answer[0], rel=1e-4)
+    if not hasattr(cv2, "CALIB_DISABLE_SCHUR_COMPLEMENT"):  # version 5 mixes up the deviations in this mode
+        assert result.sigma[:8] == pytest.approx(np.ravel(answer[6])[:8], rel=1e-2)
+
+
+def test_a_board_seen_in_part_has_no_shape(rng: np.random.Generator) -> None:
+    detections = [exact(str(i), view) for i, view in enumerate(board_views(CAMERA, CHESSBOARD, 5, rng))]
+    part = replace(detections[1], indices=np.arange(40), pixels=detections[1].pixels[:40])
+    with pytest.raises(RefusedError, match="all of it"):
+        calibrate_camera([detections[0], part, *detections[2:]], CHESSBOARD, bowed=True)
 
 
 def test_projection_sigma_is_what_a_monte_carlo_over_the_covariance_finds(rng: np.random.Generator) -> None:

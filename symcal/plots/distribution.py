@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from symcal.evaluate import Errors
-from symcal.plots.panels import SHOWN, legend
+from symcal.plots.panels import SHOWN, far_apart, legend, logarithmic
 from symcal.plots.style import INK, LOOKS, PARTS, WIDE, Illustration, grid, print_settings, settle, sheet
 from symcal.words import listed, number, plural
 
@@ -36,7 +36,10 @@ def error_distribution(
     shown = [s for s in ("before_raw", *SHOWN) if s in states]
     norms = {s: np.sort(states[s].position) for s in shown}
     top = max(float(v[-1]) for v in norms.values()) or 1.0
-    edges = np.linspace(0, top, _BINS + 1)
+    wide = far_apart(norms)
+    bottom = 0.8 * min(float(np.percentile(v, 2)) for v in norms.values()) if wide else 0.0
+    wide &= bottom > 0
+    edges = np.geomspace(bottom, top, _BINS + 1) if wide else np.linspace(0, top, _BINS + 1)
     with print_settings():
         figure = sheet(WIDE, 58)
         left, right = figure.subplots(1, 2)
@@ -44,7 +47,7 @@ def error_distribution(
             look = LOOKS[s]
             if s in ("before", "after"):
                 left.stairs(
-                    np.histogram(norms[s], edges)[0],
+                    np.histogram(np.maximum(norms[s], edges[0]), edges)[0],
                     edges,
                     fill=not look.hollow,
                     color=look.color,
@@ -52,16 +55,19 @@ def error_distribution(
                     linewidth=1.0,
                 )
             share = 100 * np.arange(len(norms[s]) + 1) / len(norms[s])
-            width = 1.4 if s == "after" else 1.1
-            at = np.concatenate([[0.0], norms[s]])
+            width = {"after": 1.4, "before": 1.6}.get(s, 1.0)  # the lines of states that coincide all show
+            at = np.concatenate([edges[:1], norms[s]])
             right.step(at, share, where="post", color=look.color, linestyle=look.line, linewidth=width)
         right.axhline(95, color=INK, linewidth=0.5, linestyle=":")
         right.set_yticks([0, 20, 40, 60, 80, 95])
-        left.set(xlabel="position error / mm", ylabel="observations", xlim=(0, top), ylim=(0, None))
-        right.set(xlabel="position error / mm", ylabel="observations below / %", xlim=(0, top), ylim=(0, 103))
+        left.set(xlabel="position error / mm", ylabel="observations", xlim=(edges[0], top), ylim=(0, None))
+        right.set(xlabel="position error / mm", ylabel="observations below / %", xlim=(edges[0], top), ylim=(0, 103))
         left.yaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
         for panel in (left, right):
             grid(panel)
+            if wide:
+                panel.set_xscale("log")
+                logarithmic(panel.xaxis)
         legend(figure, shown, markers=False, lines=True)
     truth = part == "truth"
     count = plural(len(norms["after"]), f"{PARTS[part]} observation")

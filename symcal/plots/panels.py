@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, NullFormatter
 from numpy.typing import NDArray
 
 from symcal.evaluate import Errors
@@ -21,6 +23,7 @@ Array = NDArray[np.float64]
 SHOWN = ("before", "offsets_only", "after")
 
 _SMALLEST_SHARE = 0.25
+_APART = 12.0
 _GAP = 0.02
 
 
@@ -48,6 +51,20 @@ def marker_size(counts: Sequence[int]) -> float:
 def crowded(counts: Sequence[int]) -> bool:
     """Whether the marks of the poses run into a cloud, so that only what matters most should be drawn."""
     return max(counts) > 300
+
+
+def far_apart(values: Mapping[str, Array]) -> bool:
+    """Whether states differ so much that a linear axis would show only the largest."""
+    typical = [float(np.median(v)) for v in values.values()]
+    return max(typical) > _APART * max(min(typical), 1e-300)
+
+
+def logarithmic(axis: Axis) -> None:
+    """Ticks of a logarithmic axis: plain numbers as long as these are short."""
+    low, high = axis.get_view_interval()
+    if low >= 1e-3 and high < 1e4:
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def dress(axes: Axes, at: list[Array], titles: Sequence[str] = ()) -> None:

@@ -142,7 +142,7 @@ def correlation_matrix(fit: Fit) -> Illustration:
         raise ValueError("a correlation takes two parameters that the data determine")
     matrix = uncertainty.correlation(seen)[np.ix_(keep, keep)]
     names = [symbol(seen.names[i]) for i in keep]
-    side = float(np.clip(3.3 * n + 24, 70, 150))
+    side = float(np.clip(3.3 * n + 24, 82, 150))
     shown = np.ma.masked_where(np.triu(np.ones((n, n), dtype=bool)), matrix)[1:, :-1]
     with print_settings():
         figure = sheet(side, side)
@@ -162,7 +162,7 @@ def correlation_matrix(fit: Fit) -> Illustration:
         axes.spines[:].set_visible(False)
         inset = axes.inset_axes((0.52, 0.93, 0.46, 0.025))
         bar = figure.colorbar(image, cax=inset, orientation="horizontal", ticks=[-1, -0.5, 0, 0.5, 1])
-        bar.set_label("correlation (dash in a cell: below −0.3)")
+        bar.set_label("correlation (dash: below −0.3)")
         inset.tick_params(length=1.5)
     pairs = np.tril(np.abs(matrix), -1)
     order = np.argsort(pairs, axis=None)[::-1][: min(3, n * (n - 1) // 2)]

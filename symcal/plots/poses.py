@@ -14,7 +14,9 @@ from symcal.plots.panels import (
     crowded,
     drawn_parts,
     dress,
+    far_apart,
     legend,
+    logarithmic,
     marker_size,
     per_pose,
     places,
@@ -76,20 +78,28 @@ def _panel(
     rms_of: Callable[[Errors], float],
 ) -> list[Array]:
     counts = [len(values_of(errors[part]["after"])) for part in parts]
-    at, size, top = places(counts), marker_size(counts), 0.0
+    at, size, cloud = places(counts), marker_size(counts), crowded(counts)
+    lowest, highest = np.inf, 0.0
     for part, x in zip(parts, at, strict=True):
         values = {s: values_of(errors[part][s]) for s in SHOWN if s in errors[part]}
         half = 0.5 * (x[1] - x[0]) if len(x) > 1 else 0.01
-        if "before" in values and not crowded(counts):
+        if "before" in values and not cloud:
             axes.vlines(x, values["after"], values["before"], color=RULE, linewidth=0.6, zorder=1)
         for state, found in values.items():
             look = LOOKS[state]
-            if state != "offsets_only" or not crowded(counts):
-                axes.plot(x, found, **marks(look), markersize=size, zorder=3)
-                top = max(top, float(found.max()))
+            if state != "offsets_only" or not cloud:
+                # the outermost ring is the largest, so that states which coincide all show
+                larger = 1.0 if state == "before" and not cloud else 0.0
+                axes.plot(x, found, **marks(look), markersize=size + larger, zorder=3)
             rms = rms_of(errors[part][state])
             axes.hlines(rms, x[0] - half, x[-1] + half, color=look.color, linestyle=look.line, linewidth=1, zorder=4)
-    axes.set_ylim(0, 1.06 * top or 1.0)
+            lowest, highest = min(lowest, float(np.percentile(found, 1))), max(highest, float(found.max()))
+    if far_apart({s: values_of(errors[parts[-1]][s]) for s in errors[parts[-1]]}) and lowest > 0:
+        axes.set_ylim(0.7 * lowest, 1.4 * highest)
+        axes.set_yscale("log")
+        logarithmic(axes.yaxis)
+    else:
+        axes.set_ylim(0, 1.06 * highest or 1.0)
     grid(axes)
     return at
 

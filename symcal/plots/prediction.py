@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from scipy import stats
 
 from symcal.dataset import Dataset
 from symcal.evaluate import Errors, expected_position_rms
 from symcal.identify import Calibration
-from symcal.plots.panels import per_pose
+from symcal.plots.panels import marker_size, per_pose
 from symcal.plots.style import BLUE, FAINT, INK, NARROW, VERMILION, Illustration, grid, print_settings, settle, sheet
 from symcal.words import number, plural
 
@@ -48,7 +49,14 @@ def predicted_error(calibration: Calibration, data: Dataset, after: Errors) -> I
             linestyle="--",
             label="95 % should be below",
         )
-        axes.plot(predicted[inside], realised[inside], linestyle="none", marker="o", color=BLUE, markersize=2.6)
+        axes.plot(
+            predicted[inside],
+            realised[inside],
+            linestyle="none",
+            marker="o",
+            color=BLUE,
+            markersize=marker_size([len(poses)]),
+        )
         axes.plot(
             predicted[~inside],
             realised[~inside],
@@ -61,6 +69,7 @@ def predicted_error(calibration: Calibration, data: Dataset, after: Errors) -> I
         axes.set_xlim(line[0], line[1])
         axes.set_ylim(0, 1.15 * max(float(realised.max()), float((line * np.median(limit)).max())))
         axes.set(xlabel="predicted rms position error / mm", ylabel="measured error / mm")
+        axes.xaxis.set_major_locator(MaxNLocator(nbins=5))
         grid(axes, "both")
         axes.legend(loc="upper left", fontsize=6)
     rms, hoped, alone = (number(float(np.sqrt(np.mean(v**2)))) for v in (realised, predicted, expected))

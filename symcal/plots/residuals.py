@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from symcal.plots.panels import drawn_parts, dress, legend, marker_size, places, titles
+from symcal.plots.panels import drawn_parts, dress, far_apart, legend, marker_size, places, titles
 from symcal.plots.style import INK, LOOKS, WIDE, Comparison, Illustration, grid, marks, print_settings, settle, sheet
 from symcal.words import listed, number, plural
 
@@ -14,14 +14,21 @@ _BINS = 41
 def residuals_per_axis(errors: Comparison, against: str = "noisy measurement") -> Illustration:
     """Components x, y, z in world of the position error of every observation, before and after, with histograms.
 
+    Where the errors before are so much larger that those after would be a line, only the latter are drawn.
+
     Args:
         errors: by part and state; `train` and `test` are drawn. against: what the errors are taken against.
     """
     parts = drawn_parts(errors)
-    states = [s for s in ("before", "after") if s in errors[parts[0]]]
     counts = [len(errors[part]["after"].vectors) for part in parts]
     at = places(counts)
-    pooled = {s: np.vstack([errors[part][s].vectors for part in parts]) for s in states}
+    pooled = {
+        s: np.vstack([errors[part][s].vectors for part in parts]) for s in ("before", "after") if s in errors[parts[0]]
+    }
+    hidden = far_apart({s: np.linalg.norm(v, axis=1) for s, v in pooled.items()})
+    if hidden:
+        pooled = {"after": pooled["after"]}
+    states = list(pooled)
     limit = 1.08 * max(float(np.abs(v).max()) for v in pooled.values()) or 1.0
     edges = np.linspace(-limit, limit, _BINS + 1)
     with print_settings():
@@ -59,4 +66,6 @@ def residuals_per_axis(errors: Comparison, against: str = "noisy measurement") -
         f"{plural(sum(counts), 'observation')}; histograms over all of them. After the identification the mean is "
         f"{bias}, the standard deviation {sigma}. A pattern over the poses would be an effect that the model lacks."
     )
+    if hidden:
+        caption += " The errors before are so much larger that they are not drawn."
     return Illustration(settle(figure), "residuals_per_axis", "Residuals by axis", caption)

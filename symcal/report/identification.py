@@ -129,7 +129,7 @@ def _identifiability(content: Content) -> dict[str, Any]:
         f"space {'is' if rank == 1 else 'are'} determined better than the plausible size of an error there"
     )
     if released:
-        text += f" ({released} of them from below that threshold, as the data contradict the nominal value)"
+        text += f" ({released} of them below the threshold: there the data contradict nominal)"
     if seen.get("numerical_rank") is not None:
         text += f"; without noise it would be {seen['numerical_rank']}"
     text += "."

@@ -93,7 +93,7 @@ def _seen(content: Content) -> str:
 
 def _moved(before: float, after: float) -> str:
     if abs(after - before) <= UNCHANGED * before:
-        return "went"
+        return "hardly changed,"
     return "fell" if after < before else "rose"
 
 

@@ -1,0 +1,144 @@
+"""A robot as a folder of C for its controller: kinematics, Jacobian, compensation, and a test that they are right."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import uuid
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from symcal.errors import InputError
+from symcal.export.c.expressions import programs
+from symcal.export.c.names import identifier
+from symcal.export.c.project import cost, project_files
+from symcal.export.c.source import Model, header, model_hash, source
+from symcal.export.c.vectors import self_test_vectors
+from symcal.robot import Robot
+
+MANIFEST = "symcal_export.json"
+SCHEMA = "symcal/c-export/1"
+BUILD = "build"
+"""Where the exported build files put what they make; goes with the export that it was made from."""
+
+
+@dataclass(frozen=True, slots=True)
+class CExport:
+    """An exported folder.
+
+    prefix: of every name in C; the header is `<prefix>_kinematics.h`. files: paths inside the folder and their sizes
+        in bytes.
+    operations: of one call by public function, in total; libm: how many of them call the mathematical library.
+    """
+
+    folder: Path
+    prefix: str
+    model_hash: str
+    files: Mapping[str, int]
+    operations: Mapping[str, int]
+    libm: Mapping[str, int]
+
+
+def export_c(
+    robot: Robot, out_dir: Path | str, *, prefix: str | None = None, iterations: int = 3, vectors: int = 24
+) -> CExport:
+    """Write a robot's kinematics as C99, ready to be dropped into a firmware.
+
+    Poses are in the base frame, mm and rad. The folder appears whole or not at all; an earlier export in its place is
+    replaced. The same robot gives the same text.
+
+    Args:
+        robot: calibrated (or nominal: then both models are the same).
+        out_dir: the folder to write.
+        prefix: of all names, an identifier; by default made of the robot's name.
+        iterations: Newton steps of a compensation.
+        vectors: how many test vectors.
+    Raises:
+        InputError: the folder holds files that are not of an export, or cannot be written; the prefix is no identifier.
+        RefusedError: the model has numbers that single precision cannot hold.
+    """
+    if prefix is not None and identifier(prefix, "") != prefix:
+        message = (
+            "the prefix must be lower-case letters, digits and single underscores, at most 24, starting with a letter"
+        )
+        raise InputError(message, key="prefix", found=prefix)
+    if iterations < 1 or vectors < 1:
+        raise InputError("there must be at least one iteration and one test vector", found=(iterations, vectors))
+    model = Model(robot, prefix or identifier(robot.name, "robot"), iterations, programs(robot))
+    texts = {
+        f"{model.prefix}_kinematics.h": header(model),
+        f"{model.prefix}_kinematics.c": source(model),
+        **project_files(model, self_test_vectors(robot, vectors)),
+    }
+    digest = model_hash(robot)
+    manifest = {
+        "schema": SCHEMA,
+        "model_hash": digest,
+        "prefix": model.prefix,
+        "robot": robot.name,
+        "calibrated": robot.record is not None,
+        "parameters": list(model.parameters),
+        "files": {path: hashlib.sha256(text.encode()).hexdigest() for path, text in texts.items()},
+    }
+    texts[MANIFEST] = json.dumps(manifest, indent=2, ensure_ascii=False) + "\n"
+    folder = Path(out_dir)
+    try:
+        _check_replaceable(folder)
+        _write(folder, texts)
+    except OSError as error:
+        raise InputError(f"the folder cannot be written: {error.strerror}", file=folder) from None
+    costs = {name: cost(model, name) for name in model.functions}
+    return CExport(
+        folder=folder,
+        prefix=model.prefix,
+        model_hash=digest,
+        files={path: len(text.encode()) for path, text in texts.items()},
+        operations={name: total for name, (total, _) in costs.items()},
+        libm={name: calls for name, (_, calls) in costs.items()},
+    )
+
+
+def _check_replaceable(folder: Path) -> None:
+    """Refuse a folder with anything in it that is not of an earlier export."""
+    if not folder.exists():
+        return
+    if not folder.is_dir():
+        raise InputError("there is a file of this name; a folder is to be written", file=folder)
+    known: set[str] = set()
+    if (folder / MANIFEST).is_file():
+        try:
+            known = {MANIFEST, *json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["files"]}
+        except (ValueError, KeyError, TypeError):
+            raise InputError(
+                "this is not a manifest of ours: remove the folder yourself", file=folder / MANIFEST
+            ) from None
+    for path in sorted(folder.rglob("*")):
+        inside = path.relative_to(folder)
+        if inside.parts[0] != BUILD and not path.is_dir() and inside.as_posix() not in known:
+            message = "the folder holds files that are not of an export: choose another, or remove it yourself"
+            raise InputError(message, file=folder, found=inside.as_posix())
+
+
+def _write(folder: Path, texts: Mapping[str, str]) -> None:
+    """Write beside the target and rename: nobody sees half of it, and a failure leaves what was there."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    place = folder.resolve()
+    new, old = (place.with_name(f".{place.name}.{uuid.uuid4().hex[:12]}") for _ in range(2))
+    try:
+        for path, text in texts.items():
+            (new / path).parent.mkdir(parents=True, exist_ok=True)
+            (new / path).write_text(text, encoding="utf-8", newline="\n")
+        if place.exists():
+            place.replace(old)
+        try:
+            new.replace(place)
+        except OSError:
+            if old.exists():
+                old.replace(place)
+            raise
+    finally:
+        for leftover in (new, old):
+            if leftover.exists():
+                shutil.rmtree(leftover, ignore_errors=True)

@@ -24,6 +24,7 @@ app = typer.Typer(
 )
 
 Experiment = Annotated[Path, typer.Argument(metavar="EXPERIMENT.yaml", help="experiment file")]
+Calibrated = Annotated[Path, typer.Argument(metavar="CALIBRATED.yaml", help="calibrated robot")]
 Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="the run's folder [reports/<name>]")]
 Seed = Annotated[int | None, typer.Option("--seed", min=0, help="instead of the file's seed")]
 Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY.PATH=VALUE", help="replace a value of the file")]
@@ -92,6 +93,81 @@ def validate(
 
 
 @app.command()
+def compensate(
+    calibrated: Calibrated,
+    targets: Annotated[Path, typer.Option("--targets", metavar="CSV", help="joint commands, or positions or poses")],
+    out: Annotated[Path, typer.Option("--out", metavar="CSV", help="corrected joint commands")] = Path("joints.csv"),
+    frame: Annotated[str, typer.Option("--frame", help="frame of positions and poses: base or world")] = "base",
+    seed: Seed = None,
+    quiet: Quiet = False,
+) -> None:
+    """Correct joint commands so that the calibrated robot gets where it was sent."""
+    import numpy as np
+
+    from symcal.compensate import compensate as solve
+    from symcal.compensate import write_joints
+    from symcal.errors import InputError
+    from symcal.robot import load_robot
+    from symcal.targets import read_targets
+
+    if frame not in ("base", "world"):
+        raise InputError("no such frame", key="--frame", found=frame, allowed=("base", "world"))
+    robot = load_robot(calibrated)
+    with _progress(quiet) as progress:
+        progress("compensating")
+        result = solve(
+            robot,
+            read_targets(targets, robot, "base" if frame == "base" else "world"),
+            np.random.default_rng(seed or 0),
+        )
+    write_joints(result, out)
+    if not quiet:
+        _print_compensation(result)
+        _console().print(f"written to {escape(str(out))}")
+
+
+@app.command()
+def export(
+    calibrated: Calibrated,
+    to: Annotated[str, typer.Option("--to", metavar="c|urdf|json", help="what to write")],
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="folder to write into")] = Path(),
+    force: Annotated[bool, typer.Option("--force", help="export in spite of doubts, which are still printed")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Hand a calibrated robot over: C code for the controller, URDF, or JSON with the table of corrections."""
+    from symcal.export import FORMATS, export_robot
+    from symcal.robot import load_robot
+
+    if to not in FORMATS:
+        from symcal.errors import InputError
+
+        raise InputError("no such format", key="--to", found=to, allowed=FORMATS)
+    written, doubts = export_robot(load_robot(calibrated), to, out, force=force)
+    for doubt in doubts:
+        Console(stderr=True, soft_wrap=True).print(f"doubt overridden: {doubt}", markup=False, highlight=False)
+    if not quiet:
+        for path in written:
+            _console().print(f"written to {escape(str(path))}")
+
+
+@app.command("import")
+def import_(
+    urdf: Annotated[Path, typer.Argument(metavar="ROBOT.urdf", help="URDF file")],
+    base: Annotated[str, typer.Option("--base", metavar="LINK", help="base link")],
+    tip: Annotated[str, typer.Option("--tip", metavar="LINK", help="tip link")],
+    out: Annotated[Path, typer.Option("--out", metavar="YAML", help="robot file")] = Path("robot.yaml"),
+) -> None:
+    """Read a URDF chain as a robot file."""
+    from symcal.robot import save_robot
+    from symcal.urdf import load_urdf
+
+    robot = load_urdf(urdf, base, tip)
+    save_robot(robot, out)
+    _print_robot(robot)
+    _console().print(f"written to {escape(str(out))}")
+
+
+@app.command()
 def schema(
     kind: Annotated[str, typer.Argument(help="experiment or robot")] = "experiment",
 ) -> None:
@@ -132,7 +208,8 @@ def _progress(quiet: bool) -> Iterator[Callable[[str], None]]:
 
 
 def _console() -> Console:
-    return Console(soft_wrap=True)
+    console = Console(soft_wrap=True)
+    return console if console.is_terminal else Console(soft_wrap=True, width=160)
 
 
 def _print_accuracy(content: Any) -> None:
@@ -176,6 +253,15 @@ def _print_robot(robot: Any) -> None:
         ]
         table.add_row(str(i), escape(joint.name), joint.kind, f"{shown[0]:.6g} .. {shown[1]:.6g}", *cells)
     console.print(table)
+
+
+def _print_compensation(result: Any) -> None:
+    table = result.table()
+    counts = table["status"].value_counts()
+    console = _console()
+    console.print(
+        f"{len(table)} targets: " + ", ".join(f"{count} {escape(str(status))}" for status, count in counts.items())
+    )
 
 
 def _print_check(found: Any) -> None:

@@ -1,1 +1,99 @@
-"""Kinematic calibration of serial robots, from the symbolic model to the controller."""
+"""Kinematic calibration of serial robots, from the symbolic model to the controller.
+
+The steps as plain functions on frozen objects:
+
+    import symcal as sc
+
+    robot = sc.load_robot("robot.yaml")
+    data = sc.load_measurements("measurements.csv", robot, "position")
+    calibration = sc.identify(robot, data, sc.Task("position", frozenset({"base", "tool"})))
+    sc.save_robot(calibration.robot, "calibrated.yaml")
+
+Inside the program lengths are mm and angles rad.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from symcal.compensate import compensate as compensate
+    from symcal.conventions import convert as convert
+    from symcal.dataset import Dataset as Dataset
+    from symcal.errors import InputError as InputError, RefusedError as RefusedError, SymcalError as SymcalError
+    from symcal.estimation import Options as Options
+    from symcal.evaluate import (
+        compare as compare,
+        cross_validate as cross_validate,
+        evaluate as evaluate,
+        statistics as statistics,
+    )
+    from symcal.experiment import run as run
+    from symcal.export import export_c as export_c, save_json as save_json, save_urdf as save_urdf
+    from symcal.identify import Calibration as Calibration, identify as identify
+    from symcal.measurement_file import load_measurements as load_measurements, save_measurements as save_measurements
+    from symcal.model import Task as Task, build_model as build_model
+    from symcal.planning.information import pose_information as pose_information
+    from symcal.planning.search import select_poses as select_poses
+    from symcal.report import write_report as write_report
+    from symcal.robot import (
+        Joint as Joint,
+        Link as Link,
+        Robot as Robot,
+        load_robot as load_robot,
+        save_robot as save_robot,
+    )
+    from symcal.simulate import Noise as Noise, simulate as simulate
+    from symcal.targets import commanded as commanded, wanted as wanted
+    from symcal.urdf import load_urdf as load_urdf
+
+_HOME = {
+    "compensate": "compensate",
+    "convert": "conventions",
+    "Dataset": "dataset",
+    "InputError": "errors",
+    "RefusedError": "errors",
+    "SymcalError": "errors",
+    "Options": "estimation",
+    "compare": "evaluate",
+    "cross_validate": "evaluate",
+    "evaluate": "evaluate",
+    "statistics": "evaluate",
+    "run": "experiment",
+    "export_c": "export",
+    "save_json": "export",
+    "save_urdf": "export",
+    "Calibration": "identify",
+    "identify": "identify",
+    "load_measurements": "measurement_file",
+    "save_measurements": "measurement_file",
+    "Task": "model",
+    "build_model": "model",
+    "pose_information": "planning.information",
+    "select_poses": "planning.search",
+    "write_report": "report",
+    "Joint": "robot",
+    "Link": "robot",
+    "Robot": "robot",
+    "load_robot": "robot",
+    "save_robot": "robot",
+    "Noise": "simulate",
+    "simulate": "simulate",
+    "commanded": "targets",
+    "wanted": "targets",
+    "load_urdf": "urdf",
+}
+"""Where each public name lives; modules are loaded when a name is first used, so that `import symcal` costs nothing."""
+
+__all__ = [*_HOME]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'symcal' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"symcal.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_HOME])

@@ -23,6 +23,7 @@ from symcal.planning.exchange import Pool, exchange
 from symcal.planning.information import PoseInformation
 from symcal.planning.maximum import FeasibleSet
 from symcal.planning.refine import refine
+from symcal.planning.unmodelled import ExtendedRows
 
 Array = NDArray[np.float64]
 Report = Callable[[Array], None]
@@ -42,6 +43,7 @@ class Task:
     count: poses to find, beyond those that are required. fixed: information of priors and required poses, shape (n, n).
     where: the feasible set with a dense sample; a finite one (area None) are candidates, each to be taken once.
     required: shape (k, dof). distance: smallest distance between any two poses, in units of the working area.
+    extended: rows that the criterion works on instead of the information's own; ``fixed`` is then of their size.
     """
 
     info: PoseInformation
@@ -51,6 +53,11 @@ class Task:
     where: FeasibleSet
     required: Array
     distance: float = 0.0
+    extended: ExtendedRows | None = None
+
+    def rows(self, poses: Array) -> Array:
+        """What the criterion's matrix is made of, shape (N, m, e)."""
+        return self.info.rows(poses) if self.extended is None else self.extended.rows(poses)
 
     @property
     def feasible(self) -> Feasible | None:
@@ -65,12 +72,17 @@ class Task:
         return self.info.area.unit(self.required)
 
     def score(self, poses: Array) -> float:
-        rows = self.info.rows(poses).reshape(-1, self.info.rank)
-        return float(self.criterion.score(self.fixed + rows.T @ rows))
+        return float(self.criterion.score(self.total(poses)))
+
+    def total(self, poses: Array) -> Array:
+        """The criterion's matrix for required poses, priors and these, shape (e, e)."""
+        rows = self.rows(poses)
+        rows = rows.reshape(-1, rows.shape[2])
+        return np.asarray(self.fixed + rows.T @ rows)
 
     def pool(self, poses: Array) -> Pool:
         """Poses as a pool; those without finite information are left out."""
-        rows = self.info.rows(poses)
+        rows = self.rows(poses)
         usable = np.isfinite(rows).all(axis=(1, 2))
         return Pool(poses[usable], rows[usable], self.info.area.unit(poses[usable]))
 
@@ -165,6 +177,8 @@ def _exchange(task: Task, pool: Pool, keep: int | None, report: Report, *, repea
 
 
 def _refine(task: Task, poses: Array, report: Report) -> Array:
+    if task.extended is not None:
+        return poses  # no derivatives of those: neighbours are exchanged instead
     return refine(
         task.info,
         task.criterion,
@@ -182,7 +196,7 @@ def _polish(task: Task, poses: Array, rng: np.random.Generator, report: Report) 
     free = task.feasible is None and task.distance == 0
     poses = _refine(task, poses, (lambda _: None) if not free else report)
     report(poses)
-    if free and task.criterion.smooth:
+    if free and task.criterion.smooth and task.extended is None:
         return poses
     for radius in _RADII:
         before = task.score(poses)

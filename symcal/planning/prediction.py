@@ -76,11 +76,12 @@ def random_plans(
     asked = accuracy.function.rows(spread)
     parts = asked.shape[1]
     asked = asked.reshape(-1, n)
+    fixed = info.total(task.required)
     figures = np.zeros((plans, 4))
     for i in range(plans):
         poses = random_plan(task, rng, lambda _: None)
         rows = info.rows(poses).reshape(-1, n)
-        matrix = (task.fixed + rows.T @ rows) / count
+        matrix = (fixed + rows.T @ rows) / count
         sign, logdet = np.linalg.slogdet(matrix)
         if sign <= 0 or not np.isfinite(logdet) or np.linalg.cond(matrix) > _SINGULAR:
             figures[i] = 0.0, 0.0, np.inf, np.inf

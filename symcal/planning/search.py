@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from symcal.planning.maximum import FeasibleSet, feasible_set
 from symcal.planning.methods import METHODS, Task, fewest_poses
 from symcal.planning.prediction import Prediction, RandomPlans, predict, random_plans
 from symcal.planning.region import TaskRegion, area_region, region_accuracy
+from symcal.planning.unmodelled import NAME, integrated_error
 
 Array = NDArray[np.float64]
 
@@ -58,7 +59,8 @@ def select_poses(
     rng: np.random.Generator,
     *,
     method: str = "certified",
-    criterion: str = "D",
+    criterion: str | None = None,
+    unmodelled: float = 1.0,
     region: TaskRegion | None = None,
     aligned: bool = False,
     feasible: Feasible | None = None,
@@ -73,7 +75,9 @@ def select_poses(
 
     Args:
         count: N, poses of the plan, required ones included. method: a name in `symcal.planning.methods.METHODS`.
-        criterion: a name in `symcal.planning.criteria.NAMES`.
+        criterion: a name in `symcal.planning.criteria.NAMES`, or J (`symcal.planning.unmodelled`), which also guards
+            against errors that the model lacks; when None it is J among candidates, which a real robot has measured,
+            and else D. unmodelled: for J, the size of those errors per measured component in units of its noise.
         region: where accuracy is predicted; the feasible part of the working area when None. aligned: see
             `symcal.planning.region.region_accuracy`.
         feasible: which poses can be measured, beyond the working area. required: poses that the user insists on, shape
@@ -88,17 +92,26 @@ def select_poses(
     """
     if method not in METHODS:
         raise InputError("no such search method", key="method", found=method, allowed=METHODS)
-    for_set, for_region, for_search, for_certificate, for_random = rng.spawn(5)
+    for_set, for_region, for_criterion, for_search, for_certificate, for_random = rng.spawn(6)
     must = np.zeros((0, info.area.dof)) if required is None else np.asarray(required, dtype=np.float64)
     _check(info, must, count, feasible)
     region = area_region(info.area, for_region, feasible=feasible) if region is None else region
     accuracy = region_accuracy(info, region, aligned=aligned)
-    merit = criterion_by_name(criterion, poses=count, accuracy=accuracy)
+    criterion = criterion or ("D" if candidates is None else NAME)
 
     began = time.perf_counter()
     where = _where(info, for_set, sample, feasible, candidates)
-    fixed = info.total(must) if len(must) else info.prior
-    task = Task(info, merit, count - len(must), fixed, where, must, distance)
+    extended = None
+    if criterion == NAME:
+        asked = region.poses if candidates is None else where.sample
+        extended, merit = integrated_error(info, asked, for_criterion, unmodelled)
+        fixed = extended.fixed(info.prior)
+    else:
+        merit = criterion_by_name(criterion, poses=count, accuracy=accuracy)
+        fixed = info.prior
+    task = Task(info, merit, count - len(must), fixed, where, must, distance, extended)
+    if len(must):
+        task = replace(task, fixed=task.total(must))
     history: list[tuple[float, float]] = []
     best = -np.inf
 
@@ -107,8 +120,7 @@ def select_poses(
         score = task.score(poses)
         if score > best:
             best = score
-            total = info.total(np.concatenate([must, poses]))
-            history.append((time.perf_counter() - began, float(merit.value(total))))
+            history.append((time.perf_counter() - began, float(merit.value(task.total(poses)))))
             if progress is not None:
                 progress(*history[-1])
 
@@ -133,7 +145,7 @@ def select_poses(
         sigmas=dict(info.sigmas),
         method=method,
         criterion=criterion,
-        value=float(merit.value(total)),
+        value=float(merit.value(task.total(found))),
         history=tuple(history),
         search_seconds=seconds,
         certificate=certificate,

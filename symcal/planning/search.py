@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from symcal.planning.certificate import Certificate, certify
 from symcal.planning.criteria import criterion as criterion_by_name
 from symcal.planning.information import PoseInformation
 from symcal.planning.maximum import FeasibleSet, feasible_set
-from symcal.planning.methods import METHODS, Task, fewest_poses
+from symcal.planning.methods import METHODS, Method, Task, fewest_poses
 from symcal.planning.prediction import Prediction, RandomPlans, predict, random_plans
 from symcal.planning.region import TaskRegion, area_region, region_accuracy
 from symcal.planning.unmodelled import NAME, integrated_error
@@ -69,12 +69,13 @@ def select_poses(
     distance: float = 0.0,
     sample: int = SAMPLE,
     random: int = 200,
+    methods: Mapping[str, Method] = METHODS,
     progress: Callable[[float, float], None] | None = None,
 ) -> Plan:
     """Choose poses to measure. The same generator state gives the same plan.
 
     Args:
-        count: N, poses of the plan, required ones included. method: a name in `symcal.planning.methods.METHODS`.
+        count: N, poses of the plan, required ones included. method: a name in ``methods``.
         criterion: a name in `symcal.planning.criteria.NAMES`, or J (`symcal.planning.unmodelled`), which also guards
             against errors that the model lacks; when None it is J among candidates, which a real robot has measured,
             and else D. unmodelled: for J, the size of those errors per measured component in units of its noise.
@@ -85,13 +86,14 @@ def select_poses(
         candidates: choose among these only, each at most once, shape (K, dof); the feasible set is then finite.
         distance: smallest distance between two poses, in units of the working area (each joint's range is 1).
         sample: poses that stand for the feasible set. random: plans to compare with; 0 for none.
+        methods: search methods by name; others may be added to `symcal.planning.methods.METHODS`.
         progress: told seconds and the criterion's value whenever it improves.
     Raises:
         InputError: unknown method or criterion, or a required pose that is not feasible.
         RefusedError: too few poses to determine what is identifiable, or no feasible ones.
     """
-    if method not in METHODS:
-        raise InputError("no such search method", key="method", found=method, allowed=METHODS)
+    if method not in methods:
+        raise InputError("no such search method", key="method", found=method, allowed=methods)
     for_set, for_region, for_criterion, for_search, for_certificate, for_random = rng.spawn(6)
     must = np.zeros((0, info.area.dof)) if required is None else np.asarray(required, dtype=np.float64)
     _check(info, must, count, feasible)
@@ -124,7 +126,7 @@ def select_poses(
             if progress is not None:
                 progress(*history[-1])
 
-    found = METHODS[method](task, for_search, report) if task.count else must[:0]
+    found = methods[method](task, for_search, report) if task.count else must[:0]
     report(found)
     poses = np.concatenate([must, found])
     total = info.total(poses)

@@ -6,6 +6,7 @@ Numbers, their units in the keys, and against what they are.
 from __future__ import annotations
 
 import hashlib
+import os
 import platform
 from collections.abc import Iterable, Mapping
 from importlib.metadata import version
@@ -30,19 +31,24 @@ _LIBRARIES = ("symcal", "casadi", "numpy", "scipy")
 
 
 def header(name: str, title: str | None, seed: int, inputs: Iterable[Path], base: Path) -> dict[str, Any]:
-    """Name, seed, versions and hashes of the inputs; paths relative to ``base`` where they lie below it."""
+    """Name, seed, versions and hashes of the inputs; named as `_shown` says."""
     return {
         "schema": SCHEMA,
         "name": name,
         "title": title or name,
         "seed": seed,
         "versions": {"python": platform.python_version(), **{name: version(name) for name in _LIBRARIES}},
-        "inputs": {_shown(path, base): hashlib.sha256(path.read_bytes()).hexdigest() for path in inputs},
+        "inputs": {_shown(path.resolve(), base): hashlib.sha256(path.read_bytes()).hexdigest() for path in inputs},
     }
 
 
 def _shown(path: Path, base: Path) -> str:
-    return str(path.relative_to(base)) if path.is_relative_to(base) else str(path)
+    """A name that means the same on another machine: relative to the experiment, or below the folder of measured sets."""
+    data = os.environ.get("SYMCAL_DATA")
+    if data and path.is_relative_to(Path(data).resolve()):
+        return f"$SYMCAL_DATA/{path.relative_to(Path(data).resolve()).as_posix()}"
+    relative = Path(os.path.relpath(path, base)).as_posix()
+    return path.name if relative.startswith("../../..") else relative
 
 
 def robot_facts(robot: Robot) -> dict[str, Any]:

@@ -43,7 +43,7 @@ def header(name: str, title: str | None, seed: int, inputs: Iterable[Path], base
 
 
 def _shown(path: Path, base: Path) -> str:
-    """A name that means the same on another machine: relative to the experiment, or below the folder of measured sets."""
+    """A name that means the same elsewhere: relative to the experiment, or below the folder of measured sets."""
     data = os.environ.get("SYMCAL_DATA")
     if data and path.is_relative_to(Path(data).resolve()):
         return f"$SYMCAL_DATA/{path.relative_to(Path(data).resolve()).as_posix()}"

@@ -21,31 +21,54 @@ if TYPE_CHECKING:
     from symcal.compensate import compensate as compensate
     from symcal.conventions import convert as convert
     from symcal.dataset import Dataset as Dataset
-    from symcal.errors import InputError as InputError, RefusedError as RefusedError, SymcalError as SymcalError
+    from symcal.errors import InputError as InputError
+    from symcal.errors import RefusedError as RefusedError
+    from symcal.errors import SymcalError as SymcalError
     from symcal.estimation import Options as Options
     from symcal.evaluate import (
         compare as compare,
+    )
+    from symcal.evaluate import (
         cross_validate as cross_validate,
+    )
+    from symcal.evaluate import (
         evaluate as evaluate,
+    )
+    from symcal.evaluate import (
         statistics as statistics,
     )
     from symcal.experiment import run as run
-    from symcal.export import export_c as export_c, save_json as save_json, save_urdf as save_urdf
-    from symcal.identify import Calibration as Calibration, identify as identify
-    from symcal.measurement_file import load_measurements as load_measurements, save_measurements as save_measurements
-    from symcal.model import Task as Task, build_model as build_model
+    from symcal.export import export_c as export_c
+    from symcal.export import save_json as save_json
+    from symcal.export import save_urdf as save_urdf
+    from symcal.identify import Calibration as Calibration
+    from symcal.identify import identify as identify
+    from symcal.measurement_file import load_measurements as load_measurements
+    from symcal.measurement_file import save_measurements as save_measurements
+    from symcal.model import Task as Task
+    from symcal.model import build_model as build_model
     from symcal.planning.information import pose_information as pose_information
     from symcal.planning.search import select_poses as select_poses
     from symcal.report import write_report as write_report
     from symcal.robot import (
         Joint as Joint,
+    )
+    from symcal.robot import (
         Link as Link,
+    )
+    from symcal.robot import (
         Robot as Robot,
+    )
+    from symcal.robot import (
         load_robot as load_robot,
+    )
+    from symcal.robot import (
         save_robot as save_robot,
     )
-    from symcal.simulate import Noise as Noise, simulate as simulate
-    from symcal.targets import commanded as commanded, wanted as wanted
+    from symcal.simulate import Noise as Noise
+    from symcal.simulate import simulate as simulate
+    from symcal.targets import commanded as commanded
+    from symcal.targets import wanted as wanted
     from symcal.urdf import load_urdf as load_urdf
 
 _HOME = {

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from symcal.evaluate import Errors
@@ -62,6 +62,8 @@ def far_apart(values: Mapping[str, Array]) -> bool:
 def logarithmic(axis: Axis) -> None:
     """Ticks of a logarithmic axis: plain numbers as long as these are short."""
     low, high = axis.get_view_interval()
+    if high < 1e3 * low:
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     if low >= 1e-3 and high < 1e4:
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())

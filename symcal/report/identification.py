@@ -125,13 +125,13 @@ def _identifiability(content: Content) -> dict[str, Any]:
     seen = content["identifiability"]
     total, rank, released = seen["parameters"], seen["rank"], seen.get("released", 0)
     text = (
-        f"The model has {plural(total, 'parameter')}. At the noise of the measurement {plural(rank, 'direction')} in their "
-        f"space {'is' if rank == 1 else 'are'} determined better than the plausible size of an error there"
+        f"The model has {plural(total, 'parameter')}. At the noise of the measurement {plural(rank, 'direction')} in "
+        f"their space {'is' if rank == 1 else 'are'} determined better than the plausible size of an error there"
     )
     if released:
         text += f" ({released} of them below the threshold: there the data contradict nominal)"
     if seen.get("numerical_rank") is not None:
-        text += f"; without noise it would be {seen['numerical_rank']}"
+        text += f"; without noise there would be {seen['numerical_rank']}"
     text += "."
     if seen.get("condition_number") is not None:
         text += f" The condition number of the determined part is {number(seen['condition_number'])}."

@@ -26,6 +26,8 @@ def parameter_table(parameters: Parameters) -> dict[str, Any]:
     rows = [_row(name, p, decimals[p["unit"]]) for name, p in parameters.items()]
     states = {row["state"] for row in rows}
     notes = []
+    if any(row["kind"] in ("base", "tool") for row in rows):
+        notes.append("Rows of base and tool are increments on the frames that fit the nominal kinematics best.")
     if "open" in states:
         notes.append(
             "Grey rows without a standard deviation (–): the data do not determine this parameter by itself, only "

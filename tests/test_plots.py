@@ -1,0 +1,188 @@
+"""Figures: drawn from the data, labelled with units, captions that say what is drawn; nothing global is touched."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+import pytest
+from identifications import simulated
+from matplotlib.colors import to_rgb
+
+from symcal import plots, uncertainty
+from symcal.dataset import Dataset
+from symcal.evaluate import Errors, statistics
+from symcal.identify import Calibration
+from symcal.plots import panels, style
+from symcal.report import save_figure
+from symcal.words import number
+
+Case = tuple[Calibration, Dataset, Mapping[str, Mapping[str, Errors]]]
+
+
+@pytest.fixture(scope="module")
+def position(configs: Path) -> Case:
+    return simulated(configs, "position")
+
+
+@pytest.fixture(scope="module")
+def pose(configs: Path) -> Case:
+    return simulated(configs, "pose")
+
+
+def _figures(case: Case) -> dict[str, plots.Illustration]:
+    return {i.name: i for i in plots.identification_figures(*case)}
+
+
+@pytest.mark.parametrize("kind", ["position", "pose"])
+def test_every_quantity_on_an_axis_has_its_unit(kind: str, request: pytest.FixtureRequest) -> None:
+    for illustration in _figures(request.getfixturevalue(kind)).values():
+        for axes in illustration.figure.axes:
+            labels = [axes.get_xlabel(), axes.get_ylabel()]
+            assert any(labels) or not axes.get_visible() or axes.get_shared_x_axes().get_siblings(axes), (
+                illustration.name
+            )
+            for label in labels:
+                quantity = re.search(r"error|correction|value", label)
+                assert not quantity or re.search(r"/\s?(mm|mrad|deg|%|1)$", label), f"{illustration.name}: {label!r}"
+
+
+def test_nothing_global_is_touched(position: Case, tmp_path: Path) -> None:
+    before = dict(matplotlib.rcParams)
+    for illustration in _figures(position).values():
+        save_figure(illustration, tmp_path)
+    assert dict(matplotlib.rcParams) == before
+    if "matplotlib.pyplot" in sys.modules:  # others may have imported it; no figure is registered there
+        assert sys.modules["matplotlib.pyplot"].get_fignums() == []
+
+
+def test_files_are_vector_with_real_fonts_and_reproducible(position: Case, tmp_path: Path) -> None:
+    illustration = plots.singular_values(position[0].after.identifiability)
+    picture = save_figure(illustration, tmp_path)
+    first = picture.file.read_bytes()
+    assert first.startswith(b"%PDF")
+    assert b"/Type3" not in first
+    assert picture.file.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
+    assert save_figure(illustration, tmp_path).file.read_bytes() == first
+    assert picture.width_mm == pytest.approx(style.NARROW)
+
+
+def test_captions_tell_the_errors_that_are_drawn(pose: Case) -> None:
+    _, _, errors = pose
+    figures = _figures(pose)
+    after = statistics(errors["test"]["after"].position)
+    caption = figures["errors_per_pose"].caption
+    angle = errors["test"]["after"].orientation
+    assert angle is not None
+    for value in (after.rms, after.max, float(np.sqrt(np.mean(np.rad2deg(angle) ** 2)))):
+        assert number(value) in caption
+    assert number(after.p95) in figures["error_distribution"].caption
+    assert number(statistics(errors["truth"]["after"].position).p95) in figures["true_error_distribution"].caption
+    assert "simulated truth" in figures["true_error_distribution"].caption
+
+
+def test_every_pose_is_drawn_once_per_state(position: Case) -> None:
+    _, data, errors = position
+    axes = _figures(position)["errors_per_pose"].figure.axes[0]
+    drawn: Any = [line.get_ydata() for line in axes.get_lines() if len(np.asarray(line.get_xdata())) > 2]
+    assert sum(len(y) for y in drawn) == 3 * len(data)
+    last = np.asarray(drawn[-1])
+    np.testing.assert_allclose(last, errors["test"]["after"].position)
+
+
+def test_corrections_with_two_sigma_and_hollow_where_undetermined(position: Case) -> None:
+    calibration = position[0]
+    fit, model = calibration.after, calibration.model
+    illustration = plots.parameter_corrections(calibration)
+    sigma = dict(zip(fit.free, uncertainty.sigmas(fit.identifiability), strict=True))
+    errors = model.parameters.mapping(fit.x)
+    angles = [n for n in model.robot.parameters if n in sigma and n.split("_")[0] in ("theta", "alpha", "beta")]
+    axes = illustration.figure.axes[0]
+    bars: Any = axes.containers[0]
+    filled, hollow = np.asarray(bars[0].get_ydata()), np.asarray(axes.get_lines()[-1].get_ydata())
+    np.testing.assert_allclose(filled, [1e3 * errors[n] for n in angles if sigma[n] is not None])
+    np.testing.assert_allclose(hollow, [1e3 * errors[n] for n in angles if sigma[n] is None])
+    assert len(hollow) > 0
+    segments = bars[2][0].get_segments()
+    half = [0.5 * (s[1, 1] - s[0, 1]) for s in segments]
+    np.testing.assert_allclose(half, [2e3 * s for n in angles if (s := sigma[n]) is not None])
+
+
+def test_spectrum_counts_what_the_rank_says(position: Case) -> None:
+    seen = position[0].after.identifiability
+    illustration = plots.singular_values(seen)
+    legend = illustration.figure.axes[0].get_legend()
+    assert legend is not None
+    counts = [int(text.get_text().rpartition(":")[2]) for text in legend.get_texts()]
+    assert sum(counts) == len(seen.names)
+    assert f"{seen.rank} of {len(seen.names)} directions" in illustration.caption
+
+
+def test_correlation_shows_the_strongest_pair(position: Case) -> None:
+    fit = position[0].after
+    keep = [i for i, s in enumerate(uncertainty.sigmas(fit.identifiability)) if s is not None]
+    matrix = uncertainty.correlation(fit.identifiability)[np.ix_(keep, keep)]
+    image = np.ma.filled(plots.correlation_matrix(fit).figure.axes[0].images[0].get_array(), 0.0)
+    assert np.abs(image).max() == pytest.approx(np.abs(np.tril(matrix, -1)).max())
+    assert number(float(np.tril(matrix, -1).flat[np.abs(np.tril(matrix, -1)).argmax()]), 2) in (
+        plots.correlation_matrix(fit).caption
+    )
+
+
+def test_convergence_ends_at_the_error_after(position: Case) -> None:
+    calibration, data, errors = position
+    illustration = plots.convergence(calibration, {"train": data.part("train")})
+    curve = np.asarray(illustration.figure.axes[0].get_lines()[0].get_ydata())
+    assert len(curve) == len(calibration.after.path)
+    assert curve[-1] == pytest.approx(statistics(errors["train"]["after"].position).rms)
+
+
+def test_predicted_error_is_right_in_simulation(configs: Path) -> None:
+    """With normal noise and a right model about 95 % of new errors are below the 95 % limit."""
+    calibration, data, errors = simulated(configs, "position", train=40, test=400)
+    caption = plots.predicted_error(calibration, data.part("test"), errors["test"]["after"]).caption
+    share = re.search(r"([\d.]+) % are below", caption)
+    assert share is not None
+    # noise and covariance come from 40 poses: five binomial standard deviations and 15 % of sigma
+    assert 85 <= float(share.group(1)) <= 99.9
+
+
+@pytest.mark.parametrize("counts", [(40,), (40, 1000), (57, 57)])
+def test_places_do_not_overlap(counts: tuple[int, ...]) -> None:
+    at = panels.places(counts)
+    joined = np.concatenate(at)
+    assert [len(x) for x in at] == list(counts)
+    assert np.all(np.diff(joined) > 0)
+    assert 0 <= joined[0] < joined[-1] <= 1
+
+
+def test_states_differ_in_lightness_alone() -> None:
+    """Relative luminance (ITU-R BT.709, linear) turned into CIE L*: at least 15 apart in a grey copy."""
+
+    def lightness(color: str) -> float:
+        rgb = np.array(to_rgb(color))
+        linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+        return float(116 * np.cbrt(linear @ [0.2126, 0.7152, 0.0722]) - 16)
+
+    values = sorted(lightness(style.LOOKS[s].color) for s in ("before", "offsets_only", "after"))
+    assert min(np.diff(values)) > 15
+
+
+def test_without_test_poses_and_without_noise(configs: Path) -> None:
+    calibration, data, errors = simulated(configs, "position", test=0)
+    names = [i.name for i in plots.identification_figures(calibration, data, errors)]
+    assert "predicted_error" not in names
+    exact = {"train": {s: replace(e, vectors=0 * e.vectors) for s, e in errors["train"].items()}}
+    assert "0 mm" in plots.errors_per_pose(exact).caption
+    assert plots.residuals_per_axis(exact).figure.axes
+    assert plots.error_distribution(exact["train"], "train").figure.axes
+
+
+def test_dollars_in_names_are_text() -> None:
+    assert style.escaped("P$1$") == r"P\$1\$"

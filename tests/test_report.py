@@ -1,0 +1,147 @@
+"""The report: a PDF with the right numbers, whatever the names are."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from identifications import content_of, simulated
+
+from symcal import plots
+from symcal.errors import InputError
+from symcal.report import Picture, save_figures, verdict, write_report
+from symcal.report.identification import identification_text
+from symcal.words import number
+
+NASTY = '#set page(fill: red) $x$ *b* _i_ [c] <l> @r \\ "q" // `raw` 日本 Ωµ ' + "very_long" * 30
+
+
+@pytest.fixture(scope="module")
+def content(configs: Path) -> dict[str, Any]:
+    return content_of(*simulated(configs, "pose"))
+
+
+@pytest.fixture(scope="module")
+def pictures(configs: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Picture, ...]:
+    case = simulated(configs, "pose")
+    return save_figures(plots.identification_figures(*case), tmp_path_factory.mktemp("report") / "figures")
+
+
+def _text(path: Path) -> str:
+    pypdf = pytest.importorskip("pypdf", reason="pypdf, which reads PDF files back, is not installed")
+    return " ".join("\n".join(page.extract_text() for page in pypdf.PdfReader(path).pages).split())
+
+
+def test_pdf_has_the_numbers(content: dict[str, Any], pictures: tuple[Picture, ...], tmp_path: Path) -> None:
+    path = tmp_path / "report.pdf"
+    write_report(content, pictures, path)
+    assert path.read_bytes().startswith(b"%PDF")
+    text = _text(path)
+    for part in ("train", "test", "truth"):
+        for state in ("before", "offsets_only", "after"):
+            assert f"{content['accuracy'][part][state]['position_mm']['rms']:.3g}"[:4] in text
+    assert f"Of {content['identifiability']['parameters']} parameters" in text
+    for picture in pictures:
+        assert picture.title in text
+    for name in content["identification"]["parameters"]:
+        assert name in text
+
+
+def test_report_needs_no_picture(content: dict[str, Any], tmp_path: Path) -> None:
+    write_report(content, (), tmp_path / "report.pdf")
+    assert (tmp_path / "report.pdf").stat().st_size > 10_000
+
+
+def test_special_characters_are_text(content: dict[str, Any], tmp_path: Path) -> None:
+    nasty = copy.deepcopy(content)
+    nasty |= {"title": NASTY, "name": NASTY, "warnings": [NASTY, NASTY], "inputs": {NASTY: "0" * 64}}
+    nasty["robot"]["name"] = NASTY
+    nasty["frames"]["points_mm"] = {NASTY: [1.0, 2.0, 3.0]}
+    nasty["identification"]["parameters"]["tool_" + NASTY] = {
+        "nominal": 0.0,
+        "error": 1.0,
+        "identified": 1.0,
+        "sigma": None,
+        "unit": "mm",
+        "free": True,
+    }
+    nasty["identifiability"]["unseen"] = [{"direction": {"a_1": 1.0}, "text": NASTY}]
+    path = tmp_path / "report.pdf"
+    write_report(nasty, (), path)
+    text = _text(path).replace("\u200b", "")
+    assert "#set page(fill: red) $x$ *b* _i_ [c] <l> @r" in text
+
+
+def test_four_hundred_parameters_go_over_pages(content: dict[str, Any], tmp_path: Path) -> None:
+    many = copy.deepcopy(content)
+    entry = next(iter(many["identification"]["parameters"].values()))
+    many["identification"]["parameters"] = {f"theta_{i}": entry for i in range(400)}
+    write_report(many, (), tmp_path / "report.pdf")
+    text = _text(tmp_path / "report.pdf")
+    assert text.count("name in files") > 5  # the header stands on every page
+
+
+def test_a_folder_that_is_not_there_is_an_error_of_the_input(content: dict[str, Any], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be written"):
+        write_report(content, (), tmp_path / "none" / "report.pdf")
+
+
+def test_text_is_plain_data(content: dict[str, Any]) -> None:
+    text = identification_text(json.loads(json.dumps(content)))
+    assert json.loads(json.dumps(text, allow_nan=False)) == text
+
+
+def test_parameters_in_deg_and_mm(content: dict[str, Any]) -> None:
+    rows = {row["name"]: row for row in identification_text(content)["parameters"]["rows"]}
+    for name, p in content["identification"]["parameters"].items():
+        row = rows[name]
+        factor = 180 / math.pi if p["unit"] == "rad" else 1.0
+        shown = {key: float(row[key].replace("−", "-")) for key in ("nominal", "error", "identified")}
+        decimals = len(row["error"].partition(".")[2])
+        assert row["unit"] == ("deg" if p["unit"] == "rad" else "mm")
+        for key, value in shown.items():
+            assert value == pytest.approx(p[key] * factor, abs=0.51 * 10.0**-decimals)
+        assert (row["sigma"] == "–") == (p["sigma"] is None)
+        if p["sigma"] is not None:
+            assert float(row["sigma"]) == pytest.approx(p["sigma"] * factor, rel=0.06)
+
+
+def _accuracy(before: float, after: float) -> dict[str, Any]:
+    def state(rms: float) -> dict[str, Any]:
+        return {"position_mm": {"mean": rms, "rms": rms, "p95": 2 * rms, "max": 3 * rms, "count": 57}}
+
+    return {"before": state(before), "after": state(after)}
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words", "useless"),
+    [(3.84, 1.38, "fell from 3.84", False), (4.74, 5.21, "rose from 4.74", True), (1.0, 0.99, "hardly changed", True)],
+)
+def test_verdict_says_what_happened(
+    content: dict[str, Any], before: float, after: float, words: str, useless: bool
+) -> None:
+    case = content | {"accuracy": {"train": _accuracy(9.0, 0.1), "test": _accuracy(before, after)}}
+    first, second = verdict(case)[:2]
+    assert words in first
+    assert f"{number(after)} mm rms on 12 held-out poses" in first
+    assert ("no better than the nominal" in first) == useless
+    assert "noisy measurement" in second
+
+
+def test_verdict_without_held_out_poses(content: dict[str, Any]) -> None:
+    crossed = {"train": _accuracy(9.0, 0.1), "cross_validation": _accuracy(4.0, 2.0) | {"folds": 5}}
+    assert "5-fold cross-validation" in verdict(content | {"accuracy": crossed})[0]
+    alone = verdict(content | {"accuracy": {"train": _accuracy(9.0, 0.1)}})
+    assert "30 training poses" in alone[0]
+    assert any("No pose was held out" in sentence for sentence in alone)
+
+
+def test_verdict_keeps_truth_and_measurement_apart(content: dict[str, Any]) -> None:
+    sentences = verdict(content)
+    truth = next(s for s in sentences if "truth" in s)
+    assert number(content["accuracy"]["truth"]["after"]["position_mm"]["rms"]) in truth
+    assert "truth" not in sentences[0]

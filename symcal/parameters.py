@@ -1,19 +1,20 @@
 """The parameter vector: names, order, units, nominal values, scales and priors in one place.
 
 The vector x holds *errors*: identified minus nominal, so x = 0 is the nominal robot. Link parameters come first, by
-kind and link as in [Ding2017] eq. 3; then base, tool, and tool points.
+kind and link as in [Ding2017] eq. 3; then base, tool, tool points, camera and its intrinsics.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.camera import INTRINSIC_NAMES, Camera
 from symcal.errors import InputError
 from symcal.robot import Robot, is_angle
 
@@ -24,6 +25,10 @@ SCALE: dict[str, float] = {"mm": 1.0, "rad": 0.010}
 """Plausible size of an error that nothing else is said about: 1 mm and 10 mrad."""
 
 FRAME_AXES = ("x", "y", "z", "rx", "ry", "rz")
+
+_FOCAL = 0.01  # plausible error of focal length and principal point, as a share of focal length and image width
+_DISTORTION = 0.1  # of a distortion coefficient
+_PRIOR_SIGMAS = 10.0  # a joint prior determines what it is about: scales of at least so many of its sigmas
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,11 +46,27 @@ class Parameter:
     prior_sigma: float | None = None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class JointPrior:
+    """A prior of mean zero on several errors together: their covariance, shape (k, k), positive definite."""
+
+    names: tuple[str, ...]
+    covariance: Array
+
+    @property
+    def rows(self) -> Array:
+        """R with R^T R = covariance^-1, shape (k, k): |R e|^2 is the squared whitened error."""
+        sigma = np.sqrt(np.diag(self.covariance))
+        root = np.linalg.cholesky(self.covariance / np.outer(sigma, sigma))
+        return np.asarray(np.linalg.solve(root, np.diag(1 / sigma)))
+
+
 @dataclass(frozen=True, slots=True)
 class ParameterSet:
-    """The parameters of a model in the order of its vector."""
+    """The parameters of a model in the order of its vector, and priors that tie several of them together."""
 
     items: tuple[Parameter, ...]
+    joint_priors: tuple[JointPrior, ...] = ()
 
     def __post_init__(self) -> None:
         names = self.names
@@ -95,12 +116,30 @@ class ParameterSet:
     def with_scales(self, scales: Mapping[str, float]) -> ParameterSet:
         """The same set where the plausible errors of these parameters are these; mm, rad."""
         self._check(scales)
-        return ParameterSet(tuple(replace(p, scale=scales.get(p.name, p.scale)) for p in self.items))
+        return replace(self, items=tuple(replace(p, scale=scales.get(p.name, p.scale)) for p in self.items))
 
     def with_priors(self, sigmas: Mapping[str, float]) -> ParameterSet:
         """The same set where these errors have a prior of mean zero and this standard deviation; mm, rad."""
         self._check(sigmas)
-        return ParameterSet(tuple(replace(p, prior_sigma=sigmas.get(p.name, p.prior_sigma)) for p in self.items))
+        items = tuple(replace(p, prior_sigma=sigmas.get(p.name, p.prior_sigma)) for p in self.items)
+        return replace(self, items=items)
+
+    def prior_rows(self, names: Sequence[str]) -> Array:
+        """Whitened rows of all priors, shape (k, len(names)): |R e|^2 is what they add to the squared residuals.
+
+        Parameters that are not named are held at nominal. There are as many rows as named parameters with a prior.
+        """
+        place = {name: i for i, name in enumerate(names)}
+        single = [(p.name, p.prior_sigma) for p in self.items if p.name in place and p.prior_sigma is not None]
+        rows = np.zeros((len(single), len(names)))
+        for k, (name, sigma) in enumerate(single):
+            rows[k, place[name]] = 1 / sigma
+        for prior in self.joint_priors:
+            kept = [i for i, name in enumerate(prior.names) if name in place]
+            block = np.zeros((len(kept), len(names)))
+            block[:, [place[prior.names[i]] for i in kept]] = np.linalg.qr(prior.rows[:, kept], mode="r")
+            rows = np.vstack([rows, block])
+        return rows
 
     def _check(self, values: Mapping[str, float]) -> None:
         for name, value in values.items():
@@ -111,7 +150,13 @@ class ParameterSet:
 
 
 def parameter_set(
-    robot: Robot, *, base: bool = False, tool: Literal["frame", "position"] | None = None, points: Iterable[str] = ()
+    robot: Robot,
+    *,
+    base: bool = False,
+    tool: Literal["frame", "position"] | None = None,
+    points: Iterable[str] = (),
+    camera: bool = False,
+    intrinsics: Camera | None = None,
 ) -> ParameterSet:
     """All parameters that a model of this robot has.
 
@@ -120,6 +165,9 @@ def parameter_set(
         base: six increments `base_x`..`base_rz` on the nominal base frame (rotation vector, applied on the right).
         tool: the same for the tool frame, or its position alone.
         points: names of tool points whose coordinates are parameters (`tool_P1_x`, ...).
+        camera: six increments `camera_x`..`camera_rz` on the nominal pose of a camera in world.
+        intrinsics: a camera whose numbers (`fx`, .., `k3`) are parameters; its covariance is their prior, and what its
+            calibration held is no parameter. Without a covariance all nine are, without a prior.
     """
     entries: list[tuple[str, Unit, float]] = [
         (name, "rad" if is_angle(name.rpartition("_")[0]) else "mm", value) for name, value in robot.parameters.items()
@@ -129,9 +177,29 @@ def parameter_set(
     if tool:
         entries += _frame("tool", 6 if tool == "frame" else 3)
     entries += [(f"tool_{point}_{axis}", "mm", 0.0) for point in points for axis in "xyz"]
-    return ParameterSet(
-        tuple(Parameter(name, unit, value, robot.scales.get(name, SCALE[unit])) for name, unit, value in entries)
-    )
+    if camera:
+        entries += _frame("camera", 6)
+    items = [Parameter(name, unit, value, robot.scales.get(name, SCALE[unit])) for name, unit, value in entries]
+    if intrinsics is None:
+        return ParameterSet(tuple(items))
+    free, priors = _intrinsics(intrinsics)
+    return ParameterSet((*items, *free), priors)
+
+
+def _intrinsics(camera: Camera) -> tuple[list[Parameter], tuple[JointPrior, ...]]:
+    covariance = camera.covariance
+    variance = np.ones(len(INTRINSIC_NAMES)) if covariance is None else np.diag(covariance)
+    free = np.flatnonzero(variance > 0)
+    items = []
+    for i in free:
+        name = INTRINSIC_NAMES[i]
+        unit: Unit = "px" if i < 4 else "1"
+        size = _FOCAL * (camera.fx, camera.fy, camera.width, camera.width)[i] if i < 4 else _DISTORTION
+        scale = size if covariance is None else max(size, _PRIOR_SIGMAS * float(np.sqrt(variance[i])))
+        items.append(Parameter(name, unit, float(camera.intrinsics[i]), scale))
+    if covariance is None or not free.size:
+        return items, ()
+    return items, (JointPrior(tuple(p.name for p in items), covariance[np.ix_(free, free)]),)
 
 
 def _frame(name: str, count: int) -> list[tuple[str, Unit, float]]:

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from strategies import robots
 
+from symcal.camera import INTRINSIC_NAMES, Camera
 from symcal.errors import InputError
 from symcal.parameters import Parameter, ParameterSet, parameter_set
 from symcal.robot import Joint, Link, Robot
@@ -115,3 +116,27 @@ def test_an_empty_set_is_a_set():
     assert len(empty) == 0
     assert empty.names == ()
     assert empty.scales.shape == empty.nominal.shape == empty.vector({}).shape == (0,)
+
+
+def test_a_joint_prior_is_the_inverse_covariance():
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(9, 9)) * np.array([5.0, 5, 3, 3, 0.01, 0.05, 1e-4, 1e-4, 0.0])[:, None]
+    camera = Camera(2000, 1500, 3000.0, 3001.0, 999.5, 749.5, (-0.1, 0.02), covariance=root @ root.T)
+    found = parameter_set(ROBOT, camera=True, intrinsics=camera)
+    free = [name for name in INTRINSIC_NAMES if name != "k3"]
+    assert found.names[-8:] == tuple(free)
+    assert "camera_rz" in found.names
+    rows = found.prior_rows(found.names)
+    assert rows.shape == (8, len(found))
+    np.testing.assert_allclose(rows[:, -8:].T @ rows[:, -8:] @ camera.covariance[:8, :8], np.eye(8), atol=1e-6)
+    # held at nominal: the prior of the others given that error zero, by the Schur complement of the covariance
+    kept = [0, 1, 2, 3, 5, 6, 7]
+    part = found.prior_rows([free[i] for i in kept])
+    c = camera.covariance
+    given = c[np.ix_(kept, kept)] - np.outer(c[kept, 4], c[4, kept]) / c[4, 4]
+    np.testing.assert_allclose(part.T @ part @ given, np.eye(7), atol=1e-6)
+
+
+def test_priors_add_up():
+    found = parameter_set(ROBOT, tool="frame").with_priors({"tool_x": 2.0, "tool_rz": 0.1})
+    np.testing.assert_allclose(found.prior_rows(["tool_rz", "tool_y", "tool_x"]), [[0, 0, 0.5], [10, 0, 0]])

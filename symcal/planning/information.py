@@ -160,13 +160,5 @@ def _typical(area: WorkingArea, feasible: Feasible | None) -> Array:
 
 def _priors(measurement: Measurement, names: tuple[str, ...], extra: Array | None) -> Array:
     """Whitened rows of all priors by the free parameters, shape (k, p)."""
-    items = measurement.parameters.items
-    free = [items[measurement.parameters.index(name)] for name in names]
-    own = np.array(
-        [
-            [1.0 / p.prior_sigma if j == i else 0.0 for j in range(len(free))]
-            for i, p in enumerate(free)
-            if p.prior_sigma
-        ]
-    ).reshape(-1, len(free))
+    own = measurement.parameters.prior_rows(names)
     return own if extra is None else np.vstack([own, extra])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Kind = Literal["position", "pose"]
+Kind = Literal["position", "pose", "pixels"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +19,7 @@ class Dataset:
 
     q: joint readings, shape (N, dof), rad and mm. z: what the instrument gave, shape (N, nz); NaN where a point was
         not seen.
-    sigma: standard deviation of every residual component, shape (N, m), mm and rad; NaN where the file gives none.
+    sigma: standard deviation of every residual component, shape (N, m), mm, rad and px; NaN where the file gives none.
     labels: the pose's name in its source. split: `train`, `test` or `unused` per pose.
     """
 
@@ -54,7 +54,7 @@ class Dataset:
 
 
 def with_random_test(data: Dataset, fraction: float, rng: np.random.Generator) -> Dataset:
-    """The data with a random share of the poses held out as `test`."""
-    count = round(fraction * len(data))
+    """The data with a random share of the poses, but at least one, held out as `test`; at least one stays to train."""
+    count = max(1, min(round(fraction * len(data)), len(data) - 1))
     chosen = set(rng.permutation(len(data))[:count].tolist())
     return replace(data, split=tuple("test" if i in chosen else "train" for i in range(len(data))))

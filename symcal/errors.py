@@ -20,7 +20,7 @@ class InputError(SymcalError):
 
     Attributes:
         message: what is wrong and what to do.
-        file, line, key: where; each may be None when it does not apply. Lines count from 1.
+        file, line, key, column: where; each may be None when it does not apply. Lines count from 1.
         found: the offending value as text. allowed: the values that would do.
     """
 
@@ -31,6 +31,7 @@ class InputError(SymcalError):
         file: Path | str | None = None,
         line: int | None = None,
         key: str | None = None,
+        column: str | None = None,
         found: object = None,
         allowed: Iterable[str] = (),
     ) -> None:
@@ -38,6 +39,7 @@ class InputError(SymcalError):
         self.file = None if file is None else Path(file)
         self.line = line
         self.key = key
+        self.column = column
         self.found = None if found is None else str(found)
         self.allowed = tuple(allowed)
         super().__init__(message)
@@ -46,8 +48,9 @@ class InputError(SymcalError):
         where = "" if self.file is None else str(self.file)
         if self.line is not None:
             where += f":{self.line}" if where else f"line {self.line}"
-        parts = [where, f"key '{self.key}'" if self.key else "", self.message]
-        text = ": ".join(part for part in parts if part)
+        key = f"key '{self.key}'" if self.key else ""
+        column = f"column '{self.column}'" if self.column else ""
+        text = ": ".join(part for part in (where, key, column, self.message) if part)
         if self.found is not None:
             found = " ".join(self.found.split())
             text += f" (found: {found if len(found) <= 80 else found[:77] + '...'})"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,25 +16,16 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from symcal import spatial
+from symcal.data_notes import notes, unread_columns
 from symcal.dataset import Dataset, Kind
 from symcal.errors import InputError
 from symcal.robot import Robot
-from symcal.table import ANGLE, LENGTH, Table, joint_readings, read_table
+from symcal.split import Split as Split
+from symcal.split import splits
+from symcal.table import Table, joint_readings, read_table
+from symcal.units import ANGLE, LENGTH, split_unit
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class Split:
-    """How poses fall into training and test.
-
-    By the labels of a column, or by a random share; all train without either.
-    """
-
-    column: str | None = None
-    train: tuple[str, ...] = ("train",)
-    test: tuple[str, ...] = ("test",)
-    test_fraction: float | None = None
 
 
 def load_measurements(
@@ -60,12 +51,45 @@ def load_measurements(
     table = read_table(path, columns, delimiter=delimiter, decimal=decimal)
     if not len(table):
         raise InputError("the file has a header but no rows", file=path)
-    q = joint_readings(table, [(joint.name, joint.revolute) for joint in robot.joints])
-    read = _read_position if kind == "position" else _read_pose
-    data = read(table, q, tuple(point_names))
-    firsts = _first_rows(table, q) if kind == "position" else np.arange(len(table))
-    data = replace(data, split=_splits(table, firsts, split or Split()), provenance=str(path))
-    return replace(data, notes=_notes(data, robot))
+    split, expected = split or Split(), tuple(point_names)
+    measured = _measured_stems(table, kind, expected)
+    known = _known_stems(table, robot, split)
+    for canonical in columns or {}:
+        if split_unit(canonical)[0] not in known:
+            message = "'columns' gives a column a name that means nothing here"
+            raise InputError(message, file=path, key="columns", found=canonical, allowed=sorted(known))
+    q = joint_readings(table, [(joint.name, joint.revolute) for joint in robot.joints], measured)
+    poses: Sequence[object] = range(len(table))
+    if kind == "pose":
+        data = _read_pose(table, q)
+    elif measured:
+        data, poses = _read_long(table, q, expected), _pose_keys(table, q)
+    else:
+        data = _read_wide(table, q, expected)
+    data = replace(data, split=splits(table, poses, split), provenance=str(path))
+    return replace(data, notes=(*notes(data, robot), *unread_columns(table, known, expected)))
+
+
+def _measured_stems(table: Table, kind: Kind, expected: tuple[str, ...]) -> tuple[str, ...]:
+    """Columns of the measurement that a joint may be called like; none in a wide file, where points have names."""
+    stems = table.stems()
+    if kind == "pose":
+        return ("x", "y", "z", *(() if "qw" in stems or "qx" in stems else ("roll", "pitch", "yaw")))
+    wide = _wide_points(table)
+    return () if wide and ("x" not in stems or set(wide) & set(expected)) else ("x", "y", "z")
+
+
+def _wide_points(table: Table) -> tuple[str, ...]:
+    return tuple(s.removesuffix("_x") for s in table.stems() if s.endswith("_x") and not s.startswith("sigma_"))
+
+
+def _known_stems(table: Table, robot: Robot, split: Split) -> set[str]:
+    """Every column stem that can mean something in this file."""
+    sigmas = {"sigma", "sigma_rot", *(f"sigma_{c}" for c in ("x", "y", "z", "rx", "ry", "rz"))}
+    wide = {f"{name}_{c}" for name in _wide_points(table) for c in "xyz"}
+    joints = {name for i, joint in enumerate(robot.joints, start=1) for name in (f"q{i}", joint.name)}
+    measured = {"x", "y", "z", "qx", "qy", "qz", "qw", "roll", "pitch", "yaw"}
+    return {"pose", "point", split.column or "split"} | sigmas | wide | joints | measured
 
 
 def _pose_keys(table: Table, q: Array) -> list[object]:
@@ -90,18 +114,14 @@ def _labels(table: Table, rows: NDArray[np.intp]) -> tuple[str, ...]:
     return tuple(str(i) for i in range(len(rows)))
 
 
-def _read_position(table: Table, q: Array, expected: tuple[str, ...]) -> Dataset:
-    stems = table.stems()
-    wide = [stem.removesuffix("_x") for stem in stems if stem.endswith("_x") and not stem.startswith("sigma_")]
-    if wide and "x" not in stems:
-        return _read_wide(table, q, expected, tuple(wide))
+def _read_long(table: Table, q: Array, expected: tuple[str, ...]) -> Dataset:
     names = expected
     points = table.text("point") if "point" in table.columns else None
     if points is None:
         names = names or ("P",)
         if len(names) != 1:
             message = f"the measurement has {len(names)} points, but the file has no 'point' column"
-            raise InputError(message, file=table.path, line=1, allowed=names)
+            raise InputError(message, file=table.path, line=table.head_line, allowed=names)
         points = [names[0]] * len(table)
     names = names or tuple(dict.fromkeys(points))
     keys = _pose_keys(table, q)
@@ -114,26 +134,34 @@ def _read_position(table: Table, q: Array, expected: tuple[str, ...]) -> Dataset
     for row, (key, point) in enumerate(zip(keys, points, strict=True)):
         if point not in names:
             raise InputError(
-                "no such point", file=table.path, line=table.lines[row], key="point", found=point, allowed=names
+                "no such point among those of the measurement",
+                file=table.path,
+                line=table.lines[row],
+                column="point",
+                found=point,
+                allowed=names,
             )
         i, k = place[key], names.index(point)
         if not np.allclose(q[row], q[firsts[i]], rtol=0, atol=1e-9):
             message = f"pose {key!r} has other joint readings here than in line {table.lines[firsts[i]]}"
-            raise InputError(message, file=table.path, line=table.lines[row], key="pose")
+            raise InputError(message, file=table.path, line=table.lines[row], column="pose")
         if np.isfinite(z[i, 3 * k]):
             message = f"point '{point}' of pose '{key}' stands twice; give repeated measurements a pose of their own"
-            raise InputError(message, file=table.path, line=table.lines[row], key="pose")
+            raise InputError(message, file=table.path, line=table.lines[row], column="pose")
         z[i, 3 * k : 3 * k + 3] = xyz[row]
         if noise is not None:
             sigma[i, 3 * k : 3 * k + 3] = noise[row]
     return Dataset("position", q[firsts], z, _labels(table, firsts), (), names, None if noise is None else sigma)
 
 
-def _read_wide(table: Table, q: Array, expected: tuple[str, ...], found: tuple[str, ...]) -> Dataset:
+def _read_wide(table: Table, q: Array, expected: tuple[str, ...]) -> Dataset:
+    found = _wide_points(table)
     names = expected or found
     for name in names:
         if name not in found:
-            raise InputError("there are no columns for this point", file=table.path, line=1, found=name, allowed=found)
+            raise InputError(
+                "there are no columns for this point", file=table.path, line=table.head_line, found=name, allowed=found
+            )
     z = np.column_stack(
         [table.quantity(f"{n}_{c}", LENGTH, f"{c} of point '{n}'", empty=True) for n in names for c in "xyz"]
     )
@@ -141,21 +169,25 @@ def _read_wide(table: Table, q: Array, expected: tuple[str, ...], found: tuple[s
         for k, name in enumerate(names):
             if 0 < np.isnan(z[row, 3 * k : 3 * k + 3]).sum() < 3:
                 message = f"point '{name}' has one or two coordinates: leave all three empty when it was not seen"
-                raise InputError(message, file=table.path, line=table.lines[row], key=f"{name}_x")
+                raise InputError(message, file=table.path, line=table.lines[row], column=f"{name}_x")
         if np.isnan(z[row]).all():
             raise InputError("no point was measured in this row: remove it", file=table.path, line=table.lines[row])
     sigma = _sigma(table, [("x", "y", "z")] * len(names), LENGTH, "")
     return Dataset("position", q, z, _labels(table, np.arange(len(z))), (), names, sigma)
 
 
-def _read_pose(table: Table, q: Array, _: tuple[str, ...]) -> Dataset:
+def _read_pose(table: Table, q: Array) -> Dataset:
     stems = table.stems()
     xyz = np.column_stack([table.quantity(c, LENGTH, f"the measured {c}") for c in "xyz"])
     if "qw" in stems or "qx" in stems:
         for c in ("qx", "qy", "qz", "qw"):
             if c not in table.columns:
                 raise InputError(
-                    "a quaternion column is missing", file=table.path, line=1, key=c, allowed=table.columns
+                    "a quaternion column is missing",
+                    file=table.path,
+                    line=table.head_line,
+                    column=c,
+                    allowed=table.columns,
                 )
         quaternion = np.column_stack([table.numbers(c) for c in ("qx", "qy", "qz", "qw")])
         for row in np.flatnonzero(np.abs(np.linalg.norm(quaternion, axis=1) - 1) > 1e-3):
@@ -180,78 +212,14 @@ def _sigma(table: Table, blocks: list[tuple[str, ...]], units: Mapping[str, floa
     """Columns `sigma_x_mm`.. per component, or one `sigma_mm` (`sigma_rot_rad`) for all; None when there are none."""
     stems = table.stems()
     single = f"sigma_{suffix}" if suffix else "sigma"
-    out = []
-    for components in blocks:
-        for c in components:
-            stem = f"sigma_{c}" if f"sigma_{c}" in stems else single
-            if stem not in stems:
-                return None
-            out.append(table.quantity(stem, units, "the sigma of the measurement"))
+    wanted = [f"sigma_{c}" if f"sigma_{c}" in stems else single for components in blocks for c in components]
+    if not any(stem in stems for stem in wanted):
+        return None
+    out = [table.quantity(stem, units, f"the measurement's {stem}") for stem in wanted]
     values = np.column_stack(out)
     for row in np.flatnonzero((values <= 0).any(axis=1)):
         raise InputError("a sigma must be positive", file=table.path, line=table.lines[row], found=values[row].min())
     return values
-
-
-def _splits(table: Table, rows: NDArray[np.intp], split: Split) -> tuple[str, ...]:
-    column = split.column or ("split" if "split" in table.columns else None)
-    if column is None:
-        return ("train",) * len(rows)
-    if column not in table.columns:
-        raise InputError("there is no such column", file=table.path, line=1, found=column, allowed=table.columns)
-    cells = table.text(column)
-    named = {**dict.fromkeys(split.train, "train"), **dict.fromkeys(split.test, "test")}
-    out = []
-    for i in rows:
-        if cells[i] not in named and split.column is None:
-            message = "this label is neither 'train' nor 'test': say under 'data.split' which labels are which"
-            raise InputError(message, file=table.path, line=table.lines[i], key=column, found=cells[i], allowed=named)
-        out.append(named.get(cells[i], "unused"))
-    return tuple(out)
-
-
-def _notes(data: Dataset, robot: Robot) -> tuple[str, ...]:
-    """What looks wrong but can be meant."""
-    notes = []
-    for i, joint in enumerate(robot.joints):
-        values = data.q[:, i]
-        shown = np.rad2deg(values) if joint.revolute else values
-        unit = "deg" if joint.revolute else "mm"
-        slack = 0.02 * (joint.upper - joint.lower) if np.isfinite(joint.upper - joint.lower) else 0.0
-        outside = int(np.sum((values < joint.lower - slack) | (values > joint.upper + slack)))
-        if outside:
-            notes.append(
-                f"joint {i + 1} '{joint.name}' is outside its limits in {outside} of {len(data)} poses "
-                f"(readings {shown.min():.6g} to {shown.max():.6g} {unit}): is the column in the unit of its name?"
-            )
-        elif joint.revolute and np.abs(values).max() > 4 * np.pi:
-            notes.append(
-                f"joint {i + 1} '{joint.name}' turns by up to {shown.max():.6g} deg: is the column in the unit of "
-                f"its name?"
-            )
-    revolute = [i for i, joint in enumerate(robot.joints) if joint.revolute]
-    if len(data) >= 5 and revolute and np.abs(data.q[:, revolute]).max() < np.deg2rad(7):
-        largest = float(np.rad2deg(np.abs(data.q[:, revolute]).max()))
-        notes.append(f"no revolute joint moves beyond {largest:.3g} deg: are angles in radians given as degrees?")
-    same: dict[tuple[float, ...], str] = {}
-    twins = []
-    for label, row in zip(data.labels, data.q.tolist(), strict=True):
-        if tuple(row) in same:
-            twins.append(f"{same[tuple(row)]} and {label}")
-        same.setdefault(tuple(row), label)
-    if twins:
-        shown_twins = ", ".join(twins[:5]) + (", ..." if len(twins) > 5 else "")
-        notes.append(
-            f"{len(twins)} poses repeat the joint readings of another ({shown_twins}): they count as repeated "
-            f"measurements"
-        )
-    missing = int(np.isnan(data.z).any(axis=1).sum())
-    if missing:
-        notes.append(f"{missing} poses lack at least one point")
-    unused = data.split.count("unused")
-    if unused:
-        notes.append(f"{unused} poses have a split label that is neither train nor test and are not used")
-    return tuple(notes)
 
 
 def save_measurements(data: Dataset, robot: Robot, path: Path | str) -> None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import csv
-import math
-from collections.abc import Iterable, Mapping, Sequence
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
@@ -18,16 +19,21 @@ Array = NDArray[np.float64]
 
 _DELIMITERS = (",", ";", "\t")
 _NAMED = 5  # rows named one by one in a message
+_NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")  # float() would also take 1_000 and nan
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A CSV file as text cells. columns: header names; lines: line in the file of every row."""
+    """A CSV file as text cells.
+
+    columns: header names. lines, head_line: where in the file every row and the header stand.
+    """
 
     path: Path
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     lines: tuple[int, ...]
+    head_line: int = 1
     decimal: str = "."
 
     def __len__(self) -> int:
@@ -47,23 +53,28 @@ class Table:
             InputError: a cell is not a finite number; names the lines.
         """
         values = np.full(len(self), np.nan)
-        bad: list[tuple[int, str]] = []
-        for i, cell in enumerate(self.text(column)):
-            if not cell and empty:
-                continue
-            try:
-                values[i] = float(cell.replace(self.decimal, ".") if self.decimal != "." else cell)
-            except ValueError:
-                bad.append((i, cell))
-                continue
-            if not math.isfinite(values[i]):
-                bad.append((i, cell))
+        bad: list[int] = []
+        cells = self.text(column)
+        for i, cell in enumerate(cells):
+            plain = cell if self.decimal == "." else cell.replace(".", "?").replace(self.decimal, ".")
+            if _NUMBER.fullmatch(plain) and np.isfinite(float(plain)):
+                values[i] = float(plain)
+            elif cell or not empty:
+                bad.append(i)
         if bad:
-            first, cell = bad[0]
-            more = ", ".join(str(self.lines[i]) for i, _ in bad[1:_NAMED])
-            tail = f"; so are lines {more}{', ...' if len(bad) > _NAMED else ''}" if len(bad) > 1 else ""
-            message = f"{'an empty cell' if not cell else 'not a finite number'}{tail}; mend or remove the row"
-            raise InputError(message, file=self.path, line=self.lines[first], key=column, found=cell or None)
+            cell = cells[bad[0]]
+            comma = self.decimal == "." and _NUMBER.fullmatch(cell.replace(",", ".", 1))
+            problem = (
+                "an empty cell"
+                if not cell
+                else "a decimal comma: say \"decimal: ','\" where the experiment names the file"
+                if comma
+                else "not a finite number"
+            )
+            more = ", ".join(str(self.lines[i]) for i in bad[1:_NAMED]) + (", ..." if len(bad) > _NAMED else "")
+            message = f"{problem}{f' (also in line {more})' if more else ''}"
+            message += "" if comma else "; mend or remove the row"
+            raise InputError(message, file=self.path, line=self.lines[bad[0]], column=column, found=cell or None)
         return values * factor
 
     def stems(self) -> dict[str, tuple[str, str | None]]:
@@ -77,7 +88,7 @@ class Table:
             stem, unit = split_unit(column)
             if stem in found:
                 message = f"columns '{found[stem][0]}' and '{column}' are the same quantity twice"
-                raise InputError(message, file=self.path, line=1)
+                raise InputError(message, file=self.path, line=self.head_line)
             found[stem] = (column, unit)
         return found
 
@@ -90,23 +101,24 @@ class Table:
         Raises:
             InputError: no such column, no unit in its name, or a unit of another kind.
         """
-        found = self.stems().get(stem)
-        if found is None:
-            raise InputError(
-                f"there is no column for {what}: expected '{stem}_<unit>'",
-                file=self.path,
-                line=1,
-                key=stem,
-                allowed=[f"{stem}_{unit}" for unit in kinds],
-            )
-        column, unit = found
+        column, unit = self.stems().get(stem, (None, None))
+        if column is None:
+            raise self.missing(what, [stem], kinds)
         if unit is None or unit not in kinds:
             problem = "has no unit" if unit is None else f"has the unit '{unit}'"
-            message = f"the column of {what} {problem}: name it with its unit, or map it under 'columns:'"
-            raise InputError(
-                message, file=self.path, line=1, key=column, found=column, allowed=[f"{stem}_{u}" for u in kinds]
-            )
+            message = f"the column of {what} {problem}: name it with its unit, or map it under 'columns'"
+            allowed = [f"{stem}_{u}" for u in kinds]
+            raise InputError(message, file=self.path, line=self.head_line, column=column, allowed=allowed)
         return self.numbers(column, kinds[unit], empty=empty)
+
+    def missing(self, what: str, stems: Sequence[str], kinds: Iterable[str]) -> InputError:
+        """The error for a quantity that no column gives, with the columns that come closest."""
+        expected = " or ".join(f"'{stem}_<unit>'" for stem in stems)
+        near = [c for c in self.columns for stem in stems if c.lower().startswith(f"{stem.lower()}_")]
+        near = near or get_close_matches(stems[0], self.columns, n=1)
+        hint = f"; is it '{near[0]}'? then name it so, or map it under 'columns'" if near else ""
+        message = f"there is no column for {what}: expected {expected} with a unit of {', '.join(kinds)}{hint}"
+        return InputError(message, file=self.path, line=self.head_line, found=", ".join(self.columns))
 
 
 def read_table(
@@ -146,19 +158,26 @@ def read_table(
         ]
     except csv.Error as error:
         raise InputError(f"not a CSV file: {error}", file=path) from None
-    head_line, header = parsed[0]
-    for name in header:
-        if header.count(name) > 1:
-            raise InputError("two columns have this name", file=path, line=head_line, found=name or "(empty)")
-    for number, row in parsed[1:]:
+    (head_line, header), rows = parsed[0], parsed[1:]
+    if all(_NUMBER.fullmatch(name) for name in header):
+        message = "the first line must name the columns, each with its unit: here it is numbers"
+        raise InputError(message, file=path, line=head_line)
+    for number, row in rows:
         if len(row) != len(header):
             message = f"this row has {len(row)} cells, the header {len(header)}"
             raise InputError(message, file=path, line=number)
+    named = [i for i, name in enumerate(header) if name or any(row[i] for _, row in rows)]  # spreadsheets leave ',,'
+    header = tuple(header[i] for i in named)
+    for name in header:
+        if not name or header.count(name) > 1:
+            message = "two columns have this name" if name else "a column without a name"
+            raise InputError(message, file=path, line=head_line, found=name or None)
     return Table(
         path,
         _renamed(path, head_line, header, columns or {}),
-        tuple(row for _, row in parsed[1:]),
-        tuple(number for number, _ in parsed[1:]),
+        tuple(tuple(row[i] for i in named) for _, row in rows),
+        tuple(number for number, _ in rows),
+        head_line,
         decimal,
     )
 
@@ -178,20 +197,31 @@ def _renamed(path: Path, line: int, header: Sequence[str], columns: Mapping[str,
     return renamed
 
 
-def joint_readings(table: Table, joints: Iterable[tuple[str, bool]]) -> Array:
+def joint_readings(table: Table, joints: Iterable[tuple[str, bool]], measured: Collection[str] = ()) -> Array:
     """Joint columns `q1..qn` or the joints' names, each with its unit, as rad and mm; shape (rows, n).
 
     Args:
-        joints: (name, revolute) of every joint in order.
+        joints: (name, revolute) of every joint in order. measured: stems of columns that hold measurements (`x`): a
+            joint of such a name (a gantry's) must come as `q1`.
     Raises:
-        InputError: a column is missing, has no unit or the wrong kind of unit, or a cell is no number.
+        InputError: a column is missing or given under both names, has no unit or the wrong kind of unit, or a cell is
+        no number.
     """
     stems = table.stems()
     out = []
     for i, (name, revolute) in enumerate(joints, start=1):
-        stem = name if name in stems else f"q{i}"
-        kind = "revolute: an angle" if revolute else "prismatic: a length"
-        out.append(table.quantity(stem, ANGLE if revolute else LENGTH, f"joint {i} '{name}' ({kind})"))
+        what = f"joint {i} '{name}' ({'revolute: an angle' if revolute else 'prismatic: a length'})"
+        if name in measured:
+            what += f", whose name is also that of a measured '{name}'"
+        kinds = ANGLE if revolute else LENGTH
+        names = [f"q{i}", *([] if name in (*measured, f"q{i}") else [name])]
+        given = [stem for stem in names if stem in stems]
+        if not given:
+            raise table.missing(what, names[::-1], kinds)
+        if len(given) > 1:
+            message = f"{what} has two columns, '{stems[given[0]][0]}' and '{stems[given[1]][0]}': keep one"
+            raise InputError(message, file=table.path, line=table.head_line)
+        out.append(table.quantity(given[0], kinds, what))
     return np.column_stack(out) if out else np.zeros((len(table), 0))
 
 

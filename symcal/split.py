@@ -1,0 +1,61 @@
+"""Which poses train and which test."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from symcal.errors import InputError
+from symcal.table import Table
+
+
+@dataclass(frozen=True, slots=True)
+class Split:
+    """How poses fall into training and test.
+
+    By the labels of a column, or by a random share; all train without either.
+    """
+
+    column: str | None = None
+    train: tuple[str, ...] = ("train",)
+    test: tuple[str, ...] = ("test",)
+    test_fraction: float | None = None
+
+
+def splits(table: Table, poses: Sequence[object], split: Split) -> tuple[str, ...]:
+    """`train`, `test` or `unused` for every pose.
+
+    Args:
+        poses: what tells the pose of each row, shape (rows,); poses are in the order of their first rows.
+    Raises:
+        InputError: no such column, a label that is not explained, a pose with two labels, or none to train with.
+    """
+    first: dict[object, int] = {}
+    for i, key in enumerate(poses):
+        first.setdefault(key, i)
+    column = split.column or ("split" if "split" in table.columns else None)
+    if column is None or split.test_fraction is not None:
+        return ("train",) * len(first)
+    if column not in table.columns:
+        message = "there is no such column for the split"
+        raise InputError(message, file=table.path, line=table.head_line, found=column, allowed=table.columns)
+    cells = table.text(column)
+    named = {**dict.fromkeys(split.train, "train"), **dict.fromkeys(split.test, "test")}
+    out = []
+    for i in first.values():
+        if cells[i] not in named and split.column is None:
+            message = "this label is neither 'train' nor 'test': say under 'data.split' which labels are which"
+            raise InputError(
+                message, file=table.path, line=table.lines[i], column=column, found=cells[i], allowed=named
+            )
+        out.append(named.get(cells[i], "unused"))
+    for row, key in enumerate(poses):
+        if cells[row] != cells[first[key]]:
+            message = f"this pose has another split in line {table.lines[first[key]]}: a pose is held out as a whole"
+            raise InputError(message, file=table.path, line=table.lines[row], column=column, found=cells[row])
+    if "train" not in out:
+        message = f"no pose is for training: none has the label {' or '.join(map(repr, split.train))}"
+        raise InputError(
+            message, file=table.path, line=table.head_line, column=column, found=", ".join(dict.fromkeys(cells))
+        )
+    return tuple(out)

@@ -1,7 +1,4 @@
-"""What a person should know before believing an identification.
-
-Wrong units, outliers, too few poses, absurd corrections.
-"""
+"""What a person should know before believing an identification: wrong units, outliers, too few poses, and the like."""
 
 from __future__ import annotations
 
@@ -12,6 +9,7 @@ from symcal.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.estimation import Fit
 from symcal.model import Model, State
+from symcal.noise import known_sigma, spread_of
 from symcal.rows import rows_of
 
 _OUTLIER = 1e-6  # probability that one good observation is called an outlier
@@ -22,10 +20,9 @@ def plausibility(data: Dataset, before: State) -> tuple[str, ...]:
     """What the nominal robot with fitted frames says about units, joint order and signs."""
     model = before.model
     r, _ = rows_of(model.measurement, data, before.setup, model.residual)(before.x)
-    position = r[:, list(model.measurement.groups[0].columns)].reshape(-1, 3)
-    measured = (
-        data.z[:, : position.size // len(data)].reshape(-1, 3) if model.task.kind == "position" else data.z[:, :3]
-    )
+    group = model.measurement.groups[0]
+    position = r[:, list(group.columns)].reshape(-1, group.block)
+    measured = data.z[:, : len(group.columns)].reshape(-1, group.block)
     seen = np.isfinite(measured).all(axis=1)
     error = float(np.sqrt(np.mean(np.sum(position[seen] ** 2, axis=1))))
     spread = float(np.sqrt(np.mean(np.sum((measured[seen] - measured[seen].mean(axis=0)) ** 2, axis=1))))
@@ -39,7 +36,7 @@ def plausibility(data: Dataset, before: State) -> tuple[str, ...]:
         )
     if error > 0.1 * max(reach, 1e-9):
         return (
-            f"nominal kinematics with fitted frames is off by {error:.4g} mm rms, {error / reach:.0%} of the "
+            f"nominal kinematics with fitted frames is off by {error:.4g} {group.unit} rms, {error / reach:.0%} of the "
             f"measured spread: check the "
             "order, units and signs of the joint columns, and the robot file",
         )
@@ -88,20 +85,22 @@ def quality(model: Model, data: Dataset, after: Fit) -> tuple[str, ...]:
 
 def _outliers(model: Model, data: Dataset, after: Fit) -> list[str]:
     """Observations whose residual is no accident at the noise of the others."""
-    r, _ = rows_of(model.measurement, data, after.setup, model.residual)(after.x)
+    rows = rows_of(model.measurement, data, after.setup, model.residual)
+    r, _ = rows(after.x)
+    spread = spread_of(rows, known_sigma(rows, {}), after.sigmas, np.ones_like(r))
+    advice = "measure them again"
+    if (after.weights == rows.seen).all():
+        advice += " or use 'loss: huber'"
     found = []
     for group in model.measurement.groups:
-        sigma = after.sigmas.get(group.name)
-        if sigma is None:
-            continue
-        norms = np.linalg.norm(r[:, list(group.columns)].reshape(len(data), -1, group.block), axis=2).max(axis=1)
-        limit = sigma * np.sqrt(stats.chi2.isf(_OUTLIER, group.block))
+        white = (r / spread)[:, list(group.columns)].reshape(len(data), -1, group.block)
+        norms = np.linalg.norm(white, axis=2).max(axis=1)
+        limit = np.sqrt(stats.chi2.isf(_OUTLIER, group.block))
         worst = [data.labels[i] for i in np.argsort(-norms) if norms[i] > limit]
         if worst:
             listed = ", ".join(worst[:5]) + (", ..." if len(worst) > 5 else "")
             found.append(
                 f"{len(worst)} training pose(s) have a {group.name} residual that the noise of the others does not "
-                f"explain "
-                f"(pose {listed}): measure them again or use 'loss: huber'"
+                f"explain (pose {listed}): {advice}"
             )
     return found

@@ -12,9 +12,8 @@ components, one per noise group: sigma_g^2 = |r_g|^2 / (m_g - tr H_gg), iterated
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,8 +34,8 @@ from symcal.solvers import SOLVERS, SolverName
 
 Array = NDArray[np.float64]
 
-_SUBSPACE_ROUNDS = 8
-_NOISE_ROUNDS = 30
+_ROUNDS = 60
+_ROUGH = 1e-10  # relative change of the cost that ends a minimisation whose noise is not yet known
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,14 +84,26 @@ class Fit:
         return 2 * self.solution.cost
 
 
-def fit(rows: Rows, free: tuple[str, ...], options: Options, reference: Array | None = None) -> Fit:
+def fit(
+    rows: Rows,
+    free: tuple[str, ...],
+    options: Options,
+    reference: Array | None = None,
+    *,
+    prior_mean: Array | None = None,
+    threshold: float = 1.0,
+) -> Fit:
     """Estimate the free parameters; the others, and what the data cannot see, stay at ``reference`` (zero if None).
 
+    Args:
+        prior_mean: the errors at which priors are centred, shape (n,); zero if None.
+        threshold: smallest singular value of an identifiable direction.
     Raises:
         RefusedError: fewer equations than unknowns that the data could see, or a model that gives no finite number.
     """
-    parameters = rows.measurement.parameters
-    reference = np.zeros(len(parameters)) if reference is None else reference
+    nothing = np.zeros(len(rows.measurement.parameters))
+    reference = nothing if reference is None else reference
+    prior_mean = nothing if prior_mean is None else prior_mean
     known = known_sigma(rows, options.sigma)
     estimated = tuple(
         group.name
@@ -102,30 +113,39 @@ def fit(rows: Rows, free: tuple[str, ...], options: Options, reference: Array | 
     residual, jacobian = rows(reference)
     if not np.isfinite(residual).all():
         raise RefusedError("the model gives no finite number at the first guess: check joint readings and units")
-    sigmas = dict(options.sigma) | block_sigmas(rows, residual, estimated, 0)
+    sigmas = dict(options.sigma) | block_sigmas(rows, residual, known, estimated, 0)
     weights = rows.seen.astype(float)
     _check_redundancy(rows, jacobian, free, bool(estimated))
     x, path = reference, [reference]
     ranks: list[int] = []
-    most: int | None = None
-    for _ in range(_NOISE_ROUNDS):
+    most, cost = None, np.inf
+    settled = not estimated and options.loss == "linear"  # is the noise?
+    for _ in range(_ROUNDS):
         spread = spread_of(rows, known, sigmas, weights)
-        x, solution, seen, steps = _solve(_whitened(rows, free, reference, spread), options, x, most)
+        system = _whitened(rows, free, reference, prior_mean, spread)
+        seen = system.subspace(x, most, threshold)
+        solution, steps = _minimise(system, seen, x, options, rough=not settled)
         path += steps
+        previous, x = x, system.at(system.scales[:, None] * seen.seen, solution.x)
         ranks.append(seen.rank - seen.released)
         if len(ranks) > 2 and ranks[-1] == ranks[-3] != ranks[-2]:
             most = min(ranks[-2:])  # a direction on the threshold comes and goes with the noise estimate: leave it out
-        residual, jacobian = rows(x)
-        dof = int(rows.seen.sum()) + _prior_count(rows, free) - seen.rank
-        previous, before = sigmas, weights
-        if options.loss != "linear":
-            weights = robust_weights(rows, residual, known, sigmas, options.loss)
-            sigmas = dict(sigmas) | block_sigmas(rows, residual, estimated, seen.rank)
-        elif estimated:
-            sigmas = dict(sigmas) | variance_components(rows, residual, jacobian, spread, seen, estimated)
-        change = max([abs(np.log(sigmas[g] / previous[g])) for g in estimated], default=0.0)
-        if change < 1e-4 and np.abs(weights - before).max() < 1e-3:
-            break
+        same_rank = len(ranks) > 1 and ranks[-1] == ranks[-2]
+        if settled and same_rank:
+            moved = float(np.linalg.norm((x - previous)[system.index] / system.scales))
+            if moved < 1e-6 or abs(cost - solution.cost) <= 1e-9 * (1e-12 + solution.cost):
+                break
+        if not settled or (estimated and not same_rank):
+            residual, jacobian = rows(x)
+            last, before = sigmas, weights
+            if options.loss != "linear":
+                weights = robust_weights(rows, residual, known, sigmas, options.loss)
+                sigmas = sigmas | block_sigmas(rows, residual, known, estimated, seen.rank)
+            elif estimated:
+                sigmas = sigmas | variance_components(rows, residual, jacobian, known, spread, seen, estimated)
+            change = max([abs(np.log(sigmas[g] / last[g])) for g in estimated], default=0.0)
+            settled = change < 1e-4 and float(np.abs(weights - before).max()) < 1e-3
+        cost = solution.cost
     return Fit(
         x=x,
         free=free,
@@ -133,12 +153,28 @@ def fit(rows: Rows, free: tuple[str, ...], options: Options, reference: Array | 
         sigmas=sigmas,
         estimated=estimated,
         equations=int(rows.seen.sum()),
-        dof=dof,
+        dof=int(rows.seen.sum()) + _prior_count(rows, free) - seen.rank,
         identifiability=seen,
         solution=solution,
         weights=weights,
         path=np.array(path),
     )
+
+
+def _minimise(
+    system: _Whitened, seen: Identifiability, start: Array, options: Options, *, rough: bool
+) -> tuple[Solution, list[Array]]:
+    """Minimise over the identifiable subspace at ``start``; also the errors after every step.
+
+    rough: to a hundred-thousandth of a sigma, while the noise is still being estimated.
+    """
+    basis = system.scales[:, None] * seen.seen
+    first = seen.seen.T @ ((start - system.reference)[system.index] / system.scales)
+    tolerances = options.tolerances
+    if rough:
+        tolerances = replace(tolerances, cost=max(tolerances.cost, _ROUGH))
+    solution = SOLVERS[options.solver](system.problem(basis, first), tolerances)
+    return solution, [system.at(basis, it.x) for it in solution.history[1:]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,16 +189,16 @@ class _Whitened:
     keep: NDArray[np.intp]
     inverse: Array
     prior: Array
+    prior_mean: Array
 
     def __call__(self, x: Array) -> tuple[Array, Array]:
         """Residual (k,) and Jacobian (k, n) at x."""
         r, jacobian = self.rows(x)
         white = r.ravel()[self.keep] * self.inverse
-        slopes = jacobian.reshape(-1, len(x))[self.keep][:, self.index] * self.inverse[:, None]
-        held = np.isfinite(self.prior)
-        if held.any():
-            white = np.concatenate([white, (x[self.index] / self.prior)[held]])
-            slopes = np.vstack([slopes, np.diag(1 / self.prior)[held]])
+        slopes = jacobian.reshape(-1, len(x))[np.ix_(self.keep, self.index)] * self.inverse[:, None]
+        if len(self.prior):
+            white = np.concatenate([white, self.prior @ (x - self.prior_mean)[self.index]])
+            slopes = np.vstack([slopes, self.prior])
         return white, slopes
 
     def at(self, basis: Array, y: Array) -> Array:
@@ -171,73 +207,48 @@ class _Whitened:
         x[self.index] += basis @ y
         return x
 
-    def subspace(self, x: Array, most: int | None) -> Identifiability:
+    def subspace(self, x: Array, most: int | None, threshold: float) -> Identifiability:
         r, jacobian = self(x)
         every = np.zeros((len(r), len(x)))
         every[:, self.index] = jacobian
         implied = jacobian @ (x - self.reference)[self.index] - r
-        parameters = self.rows.measurement.parameters
-        return analyse(every, parameters, self.free, implied=implied, poses=len(self.rows.data), most=most)
+        return analyse(
+            every,
+            self.rows.measurement.parameters,
+            self.free,
+            threshold=threshold,
+            implied=implied,
+            poses=len(self.rows.data),
+            most=most,
+        )
 
     def problem(self, basis: Array, start: Array) -> Problem:
         def evaluate(y: Array) -> tuple[Array, Array]:
             r, jacobian = self(self.at(basis, y))
             return r, jacobian @ basis
 
-        return Problem(evaluate, start, np.ones(basis.shape[1]), lambda: self.symbolic(basis))
-
-    def symbolic(self, basis: Array) -> ca.Function:
-        """y -> whitened residual, for solvers that differentiate themselves."""
-        data, count = self.rows.data, len(self.rows.data)
-        y = ca.MX.sym("y", basis.shape[1])
-        x = ca.MX(self.reference)
-        x[self.index.tolist()] += ca.DM(basis) @ y
-        r, _ = self.rows.measurement.residual.map(count)(
-            ca.DM(data.q.T),
-            ca.repmat(x, 1, count),
-            ca.repmat(ca.DM(self.rows.setup.vector), 1, count),
-            ca.DM(np.nan_to_num(data.z).T),
-        )
-        white = ca.vec(r)[self.keep.tolist()] * ca.DM(self.inverse)
-        held = np.flatnonzero(np.isfinite(self.prior))
-        if held.size:
-            white = ca.vertcat(white, x[self.index[held].tolist()] / ca.DM(self.prior[held]))
-        return ca.Function("residual", [y], [white])
+        return Problem(evaluate, start, np.ones(basis.shape[1]))
 
 
-def _whitened(rows: Rows, free: tuple[str, ...], reference: Array, spread: Array) -> _Whitened:
+def _whitened(rows: Rows, free: tuple[str, ...], reference: Array, prior_mean: Array, spread: Array) -> _Whitened:
     parameters = rows.measurement.parameters
     index = parameters.indices(free)
-    prior = np.array([np.inf if p.prior_sigma is None else p.prior_sigma for p in parameters.items])
     keep = np.flatnonzero(np.isfinite(spread).ravel())
     return _Whitened(
-        rows, free, reference, index, parameters.scales[index], keep, 1 / spread.ravel()[keep], prior[index]
+        rows=rows,
+        free=free,
+        reference=reference,
+        index=index,
+        scales=parameters.scales[index],
+        keep=keep,
+        inverse=1 / spread.ravel()[keep],
+        prior=parameters.prior_rows(free),
+        prior_mean=prior_mean,
     )
 
 
-def _solve(
-    system: _Whitened, options: Options, start: Array, most: int | None
-) -> tuple[Array, Solution, Identifiability, list[Array]]:
-    """Minimise over the identifiable subspace, which is found anew at each estimate until it no longer moves."""
-    x, rank, last_cost = start, -1, np.inf
-    steps: list[Array] = []
-    for _ in range(_SUBSPACE_ROUNDS):
-        seen = system.subspace(x, most)
-        basis = system.scales[:, None] * seen.seen
-        first = seen.seen.T @ ((x - system.reference)[system.index] / system.scales)
-        solution = SOLVERS[options.solver](system.problem(basis, first), options.tolerances)
-        steps += [system.at(basis, it.x) for it in solution.history[1:]]
-        previous, x = x, system.at(basis, solution.x)
-        moved = float(np.linalg.norm((x - previous)[system.index] / system.scales))
-        same_cost = abs(last_cost - solution.cost) <= 1e-9 * (1e-12 + solution.cost)
-        if seen.rank == rank and (moved < 1e-6 or same_cost):
-            break
-        rank, last_cost = seen.rank, solution.cost
-    return x, solution, system.subspace(x, most), steps
-
-
 def _prior_count(rows: Rows, free: tuple[str, ...]) -> int:
-    return sum(p.prior_sigma is not None and p.name in free for p in rows.measurement.parameters.items)
+    return len(rows.measurement.parameters.prior_rows(free))
 
 
 def _check_redundancy(rows: Rows, jacobian: Array, free: tuple[str, ...], estimated: bool) -> None:

@@ -1,7 +1,4 @@
-"""How accurate.
-
-Errors of a robot's tool against measurements, their statistics, cross-validation, and what was to be expected.
-"""
+"""How accurate: errors of a robot's tool against measurements, cross-validation, and what was to be expected."""
 
 from __future__ import annotations
 
@@ -84,11 +81,14 @@ def expected_position_rms(model: Model, result: Fit, q: Array) -> Array:
 
     The noise of the measurement that it would be compared with is not in it.
     """
-    columns = list(model.measurement.groups[0].columns)
-    (jacobian,) = model.jacobian(q, result.x, result.setup.vector)
     index = model.parameters.indices(result.free)
-    rows = jacobian[:, columns][:, :, index]
-    points = len(columns) // 3
+    if model.task.kind == "pose":  # the tool in world, whatever the instrument's side
+        _, _, jacobian = model.flange(q, result.x, result.setup.vector)
+        points = 1
+    else:
+        (jacobian,) = model.jacobian(q, result.x, result.setup.vector)
+        points = jacobian.shape[1] // 3
+    rows = jacobian[:, : 3 * points, index]
     rms = uncertainty.predicted_rms(rows, uncertainty.covariance(result.identifiability))
     return np.asarray(rms / np.sqrt(points))
 

@@ -97,6 +97,7 @@ def analyse(
     free: tuple[str, ...] | None = None,
     *,
     noise_known: bool = True,
+    threshold: float = 1.0,
     implied: Array | None = None,
     poses: int = 0,
     most: int | None = None,
@@ -107,6 +108,7 @@ def analyse(
         jacobian: Sigma^-1/2 J by all parameters, shape (m, n); rows of priors included if there are any. free:
             names; all when None.
         noise_known: False when the rows are not whitened: the numerical rank decides.
+        threshold: smallest singular value of an identifiable direction.
         implied: W y - r, shape (m,), for the release of directions whose nominal value the data refute (see
             `released_directions`).
         poses: number of poses behind the rows; only more poses than visible directions can refute anything.
@@ -114,15 +116,15 @@ def analyse(
     """
     names = parameters.names if free is None else free
     index = parameters.indices(names)
-    scales = parameters.scales[index]
+    scales, units = parameters.scales[index], parameters.units
     scaled = jacobian[:, index] * scales
-    values, v, rank, numerical = decompose(scaled, 1.0 if noise_known else None)
+    values, v, rank, numerical = decompose(scaled, threshold if noise_known else None)
     rank = rank if most is None else min(rank, most)
     released = released_directions(scaled, values, v, (rank, numerical), implied if poses > numerical else None)
     keep = np.concatenate([np.arange(rank), released])
     return Identifiability(
         names=names,
-        units=tuple(parameters.units[i] for i in index),
+        units=tuple(units[i] for i in index),
         scales=scales,
         singular_values=values,
         rank=len(keep),

@@ -16,10 +16,10 @@ from symcal.errors import RefusedError
 from symcal.estimation import Fit, Options, fit
 from symcal.measurements import Setup
 from symcal.model import Model, Part, State, Task, build_model
-from symcal.registration import Registration, hand_eye, register, virtual_points
+from symcal.placement import place as place
+from symcal.placement import stated
 from symcal.robot import Record, Robot
 from symcal.rows import rows_of
-from symcal.spatial import inverse, pose_matrix
 
 Array = NDArray[np.float64]
 
@@ -33,9 +33,8 @@ class Calibration:
     setup: the estimated frames fitted with nominal kinematics; the fits refer to it, so that unseen directions stay
         there.
     before: nominal kinematics with base and tool fitted, whether or not the task estimates them: the fair baseline.
-        before_raw: nominal
-    kinematics with the frames as given, where all are given. offsets: joint zeros and frames; after: everything
-    identifiable.
+    before_raw: nominal kinematics with the frames as given, where all are given.
+    offsets: joint zeros and frames. after: everything identifiable.
     """
 
     model: Model
@@ -85,8 +84,9 @@ def _calibrate(model: Model, baseline: Model | None, data: Dataset, options: Opt
         raise RefusedError("no pose is marked for training")
     setup = place(model, train, options)
     rows = rows_of(model.measurement, train, setup, model.residual)
-    offsets = fit(rows, (*model.offsets, *model.placement), options)
-    after = fit(rows, (*model.kinematic, *model.placement), options)
+    at = stated(model, setup)
+    offsets = fit(rows, (*model.offsets, *model.placement), options, prior_mean=at)
+    after = fit(rows, (*model.kinematic, *model.placement), options, prior_mean=at)
     before = State(model, setup, np.zeros(len(model.parameters)))
     raw = None if model.placement else before
     if baseline is not None:
@@ -98,55 +98,11 @@ def _calibrate(model: Model, baseline: Model | None, data: Dataset, options: Opt
 def baseline_model(model: Model) -> Model | None:
     """The model whose frames are all estimated, for the baseline; None if that is the model itself."""
     tool: Part = "points" if "points" in model.task.estimate else "tool"
-    estimate = frozenset[Part](("base", tool))
+    estimate = frozenset[Part](("base" if model.task.scene is None else "camera", tool))
     if model.task.estimate == estimate:
         return None
     task = replace(model.task, estimate=estimate, fix=(), scales={}, priors={})
     return build_model(model.robot, task)
-
-
-def place(model: Model, data: Dataset, options: Options) -> Setup:
-    """The nominal frames fitted to the data.
-
-    Closed forms for a few first guesses, then least squares on the frames alone.
-    """
-    task = model.task
-    if not model.placement:
-        return model.setup
-    flange = _flange_in_base(model, data.q)
-    tool_points, measured = model.setup.points, data.z
-    starts: tuple[Registration, ...] = ()
-    nominal = Registration(model.setup.base, model.setup.tool, tool_points, np.inf)
-    if task.kind == "pose":
-        poses = pose_matrix(data.z)
-        poses = inverse(poses) if task.invert else poses
-        nominal = replace(nominal, points=virtual_points(np.eye(4)[None])[0])
-        if {"base", "tool"} <= task.estimate and len(data) >= 3:
-            base, tool = hand_eye(flange, poses)
-            starts = (replace(nominal, base=base, tool=tool),)
-        targets = virtual_points(poses)
-    else:
-        targets = measured.reshape(len(data), -1, 3)
-    guesses = register(flange, targets, nominal, base="base" in task.estimate, tool=task.tool, starts=starts)
-    fits = []
-    for guess in guesses:
-        setup = Setup(guess.base, guess.tool, guess.points if task.kind == "position" else tool_points)
-        fits.append(fit(rows_of(model.measurement, data, setup, model.residual), model.placement, options))
-    best = min(fits, key=lambda f: _total(model, data, f))
-    errors = model.parameters.mapping(best.x)
-    return best.setup.moved(errors, model.measurement.point_names)
-
-
-def _flange_in_base(model: Model, q: Array) -> Array:
-    at_home = Setup(np.eye(4), np.eye(4)).vector
-    pose, _, _ = model.flange(q, np.zeros(len(model.parameters)), at_home)
-    return pose
-
-
-def _total(model: Model, data: Dataset, candidate: Fit) -> float:
-    """Squared residuals of a placement with poses seen as points, so that guesses are compared in one unit."""
-    r, _ = rows_of(model.measurement, data, candidate.setup, model.residual)(candidate.x)
-    return float(np.sum((r * model.measurement.per_component({"position": 1.0, "orientation": 200.0})) ** 2))
 
 
 def calibrated_robot(model: Model, result: Fit) -> Robot:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,14 +18,11 @@ class Problem:
 
     evaluate: x (n,) -> r (m,) and J (m, n), already whitened. start: first guess, shape (n,).
     scales: plausible size of each unknown, shape (n,): the fixed matrix D^-1 of the damping.
-    function: builds x -> r as a CasADi function for solvers that differentiate themselves (IPOPT); built only if
-        asked for.
     """
 
     evaluate: Callable[[Array], tuple[Array, Array]]
     start: Array
     scales: Array
-    function: Callable[[], ca.Function] | None = None
 
 
 class Status(Enum):
@@ -49,9 +45,8 @@ class Status(Enum):
 class Iterate:
     """One row of the history: the start, or the state after an accepted step.
 
-    cost: 0.5 * |r|^2. gradient: largest component of the scaled gradient. step: norm of the scaled step that led
-        here. damping: lambda
-    of that step, or the step length of a line search; 0 where a method has none.
+    cost: 0.5 * |r|^2. gradient: largest component of the scaled gradient. step: norm of the scaled step that led here.
+    damping: lambda of that step, or the step length of a line search; 0 where a method has none.
     """
 
     cost: float
@@ -89,10 +84,9 @@ class Solution:
 class Tolerances:
     """When a solver stops.
 
-    gradient: largest scaled gradient, relative to 1 + cost. cost: relative change of the cost by a step. step: norm
-        of the scaled step.
-    residual: root mean square of the residual that is good enough (0: never). iterations: largest number of accepted
-        steps.
+    gradient: largest scaled gradient, relative to 1 + cost. cost: relative change of the cost by a step.
+    step: norm of the scaled step. residual: root mean square of the residual that is good enough (0: never).
+    iterations: largest number of accepted steps.
     """
 
     gradient: float = 1e-10

@@ -7,13 +7,14 @@ Unknown sigmas are variance components, one per group: sigma_g^2 = |r_g|^2 / (m_
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
 from symcal.identifiability import Identifiability
+from symcal.measurements import Group
 from symcal.rows import Rows
 
 Array = NDArray[np.float64]
@@ -47,40 +48,46 @@ def spread_of(rows: Rows, known: Array, sigmas: Mapping[str, float], weights: Ar
 
 
 def variance_components(
-    rows: Rows, residual: Array, jacobian: Array, spread: Array, seen: Identifiability, estimated: tuple[str, ...]
+    rows: Rows,
+    residual: Array,
+    jacobian: Array,
+    known: Array,
+    spread: Array,
+    seen: Identifiability,
+    estimated: tuple[str, ...],
 ) -> dict[str, float]:
+    """One step of the fixed point; components whose sigma is known count in the fit but not here."""
     index = rows.measurement.parameters.indices(seen.names)
-    finite = np.where(np.isfinite(spread), spread, np.inf)
-    white = jacobian[:, :, index] * seen.scales / finite[:, :, None]
+    white = jacobian[:, :, index] * seen.scales / spread[:, :, None]
     u = white @ (seen.seen / seen.seen_values)
     leverage = np.sum(u**2, axis=2)
     out: dict[str, float] = {}
     for group in rows.measurement.groups:
         if group.name in estimated:
             columns = list(group.columns)
-            mask = rows.seen[:, columns]
+            mask = rows.seen[:, columns] & np.isnan(known[:, columns])
             redundancy = max(float(np.sum((1 - leverage[:, columns])[mask])), 1e-3)
             variance = float(np.sum(residual[:, columns][mask] ** 2)) / redundancy
             out[group.name] = max(float(np.sqrt(variance)), SIGMA_FLOOR[group.name])
     return out
 
 
-def _blocks(rows: Rows, values: Array, columns: tuple[int, ...], block: int) -> tuple[Array, NDArray[np.bool_]]:
-    """Norms over the blocks of a group, shape (N, k), and which of them were measured."""
-    shaped = values[:, list(columns)].reshape(len(values), -1, block)
-    seen = rows.seen[:, list(columns)].reshape(shaped.shape)
-    return np.linalg.norm(shaped, axis=2), np.asarray(seen.all(axis=2))
+def _blocks(group: Group, values: NDArray[Any]) -> NDArray[Any]:
+    """The components of a group by observation, shape (N, k, block)."""
+    return values[:, list(group.columns)].reshape(len(values), -1, group.block)
 
 
-def block_sigmas(rows: Rows, residual: Array, estimated: tuple[str, ...], rank: int) -> dict[str, float]:
-    """Robust sigma per group from the median block norm: median = sigma * sqrt(median of chi-squared)."""
+def block_sigmas(rows: Rows, residual: Array, known: Array, estimated: tuple[str, ...], rank: int) -> dict[str, float]:
+    """Robust sigma per group: the median, over observations, of norm / sqrt(median of chi-squared)."""
     out: dict[str, float] = {}
     equations = int(rows.seen.sum())
     for group in rows.measurement.groups:
         if group.name in estimated:
-            norms, seen = _blocks(rows, residual, group.columns, group.block)
-            scale = np.sqrt(stats.chi2.median(group.block) * max(equations - rank, 1) / equations)
-            out[group.name] = max(float(np.median(norms[seen]) / scale), SIGMA_FLOOR[group.name])
+            unknown = _blocks(group, rows.seen & np.isnan(known))
+            size = unknown.sum(axis=2)
+            norms = np.linalg.norm(np.where(unknown, _blocks(group, residual), 0.0), axis=2)[size > 0]
+            expected = np.sqrt(stats.chi2.median(size[size > 0]) * max(equations - rank, 1) / equations)
+            out[group.name] = max(float(np.median(norms / expected)), SIGMA_FLOOR[group.name])
     return out
 
 
@@ -90,7 +97,7 @@ def robust_weights(rows: Rows, residual: Array, known: Array, sigmas: Mapping[st
     white = np.where(np.isfinite(spread), residual / spread, 0.0)
     weights = rows.seen.astype(float)
     for group in rows.measurement.groups:
-        norms, _ = _blocks(rows, white, group.columns, group.block)
+        norms = np.linalg.norm(_blocks(group, white), axis=2)
         t = norms / np.sqrt(stats.chi2.ppf(_HUBER_QUANTILE, group.block))
         w = 1 / np.maximum(t, 1.0) if loss == "huber" else 1 / (1 + t**2)
         weights[:, list(group.columns)] *= np.repeat(w, group.block, axis=1)

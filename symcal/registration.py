@@ -1,15 +1,13 @@
 """First values of base, tool and tool points, found from the data with the nominal robot: nobody has to type them.
 
 With the tool known the base is a rigid fit in closed form ([Umeyama1991]), and the other way round; the two are
-alternated from several
-first tools. For pose data the closed form of measured_i = B flange_i X ([Shah2013]) is one of the starts. What comes
-out is a first guess: the identification
-refines the best few by Levenberg-Marquardt.
+alternated from several first tools, all at once. For pose data the closed form of measured_i = B flange_i X
+([Shah2013]) is one of the starts. What comes out is a first guess: Levenberg-Marquardt refines the best few.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import permutations, product
 from typing import Literal
@@ -25,6 +23,9 @@ LEVER = 200.0
 """mm: a pose is seen as its origin and a point at this distance along each axis."""
 
 _ALTERNATIONS = 25
+_SETTLED = 1e-3
+_SAME = 1.02
+_GUESSES = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,19 +39,25 @@ class Registration:
 
 
 def rigid_fit(source: Array, target: Array) -> Array:
-    """T_target_source, shape (4, 4), least squares over pairs of points, shape (k, 3) each. Source: [Umeyama1991]."""
-    a, b = source.mean(axis=0), target.mean(axis=0)
-    u, _, vt = np.linalg.svd((target - b).T @ (source - a))
-    rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-    return spatial.transform(rotation, b - rotation @ a)
+    """T_target_source, shape (..., 4, 4): least squares over pairs of points (..., k, 3). Source: [Umeyama1991]."""
+    a, b = source.mean(axis=-2), target.mean(axis=-2)
+    u, _, vt = np.linalg.svd((target - b[..., None, :]).swapaxes(-1, -2) @ (source - a[..., None, :]))
+    u[..., :, 2] *= np.linalg.det(u @ vt)[..., None]
+    rotation = u @ vt
+    return _transforms(rotation, b - np.einsum("...ij,...j->...i", rotation, a))
+
+
+def _transforms(rotation: Array, translation: Array) -> Array:
+    t = np.zeros((*rotation.shape[:-2], 4, 4))
+    t[..., :3, :3], t[..., :3, 3], t[..., 3, 3] = rotation, translation, 1.0
+    return t
 
 
 def hand_eye(flange: Array, measured: Array) -> tuple[Array, Array]:
     """Base B and tool X, shape (4, 4) each, with measured_i = B flange_i X; shapes (N, 4, 4).
 
     With Y = R_X^T every pose says R_z Y = R_B R_F, so (vec Y, vec R_B) is the leading pair of singular vectors of
-    sum kron(R_z, R_F);
-    the translations follow linearly. Needs rotations about two axes. Source: [Shah2013].
+    sum kron(R_z, R_F); the translations follow linearly. Needs rotations about two axes. Source: [Shah2013].
     """
     a, b = flange[:, :3, :3], measured[:, :3, :3]
     u, _, vt = np.linalg.svd(np.einsum("nij,nkl->ikjl", b, a).reshape(9, 9))
@@ -92,21 +99,18 @@ def register(
         tool: estimate the tool's frame, its position, or every point by itself. starts: further first guesses.
     """
     seen: NDArray[np.bool_] = np.asarray(np.isfinite(measured).all(axis=2))
-    found = [
-        _alternate(flange, measured, seen, start, base, tool) for start in (*starts, *_starts(nominal, base, tool))
-    ]
-    found.sort(key=lambda r: r.rms)
+    found = _alternate(flange, measured, seen, (nominal, *starts, *_starts(nominal, base, tool)), base, tool)
     distinct: list[Registration] = []
-    for candidate in found:
-        if all(candidate.rms > 1.02 * other.rms for other in distinct):
-            distinct.append(candidate)
-        if len(distinct) == 3:
-            break
+    while found and len(distinct) < _GUESSES:
+        limit = _SAME * min(r.rms for r in found)
+        # of guesses that are as good, the first: the nominal one where the data leave a choice
+        distinct.append(next(r for r in found if r.rms <= limit))
+        found = [r for r in found if r.rms > limit]
     return distinct
 
 
 def _starts(nominal: Registration, base: bool, tool: str | None) -> Iterator[Registration]:
-    yield nominal
+    """First tools all around, where neither base nor tool is known."""
     if not base or tool is None:
         return
     if tool == "frame":
@@ -123,30 +127,42 @@ def _starts(nominal: Registration, base: bool, tool: str | None) -> Iterator[Reg
 
 
 def _alternate(
-    flange: Array, measured: Array, seen: NDArray[np.bool_], start: Registration, base: bool, tool: str | None
-) -> Registration:
-    b, x, points = start.base, start.tool, start.points
+    flange: Array,
+    measured: Array,
+    seen: NDArray[np.bool_],
+    starts: Sequence[Registration],
+    base: bool,
+    tool: str | None,
+) -> list[Registration]:
+    """Every start after rigid fits of base and tool in turn, until their residuals settle; arrays are by start."""
+    b, x, points = (np.array([getattr(start, name) for start in starts]) for name in ("base", "tool", "points"))
     pose, point = np.nonzero(seen)
     world = measured[pose, point]
     r_flange, p_flange = flange[pose, :3, :3], flange[pose, :3, 3]
+    counts = np.bincount(point, minlength=points.shape[1])
+    average = (point == np.arange(points.shape[1])[:, None]) / np.maximum(counts, 1)[:, None]
+
+    def moved(frame: Array, p: Array) -> Array:
+        return np.asarray(p @ frame[:, :3, :3].swapaxes(1, 2) + frame[:, None, :3, 3])
 
     def in_base() -> Array:
-        on_flange = points @ x[:3, :3].T + x[:3, 3]
-        return np.asarray(p_flange + np.einsum("nij,nj->ni", r_flange, on_flange[point]))
+        return np.asarray(p_flange + np.einsum("mij,smj->smi", r_flange, moved(x, points)[:, point], optimize=True))
 
-    for _ in range(_ALTERNATIONS if base and tool else 1):
+    rms = np.full(len(starts), np.inf)
+    for _ in range(_ALTERNATIONS):
         if base:
-            b = rigid_fit(in_base(), world)
+            b = rigid_fit(in_base(), np.broadcast_to(world, (len(starts), *world.shape)))
         if tool:
-            local = (world - b[:3, 3]) @ b[:3, :3] - p_flange
-            on_flange = np.einsum("nji,nj->ni", r_flange, local)
+            local = moved(spatial.inverse(b), np.broadcast_to(world, (len(starts), *world.shape))) - p_flange
+            on_flange = np.einsum("mji,smj->smi", r_flange, local, optimize=True)
             if tool == "frame":
-                x = rigid_fit(points[point], on_flange)
+                x = rigid_fit(points[:, point], on_flange)
             elif tool == "position":
-                shift = (on_flange - points[point] @ x[:3, :3].T).mean(axis=0)
-                x = spatial.transform(x[:3, :3], shift)
+                turned = points[:, point] @ x[:, :3, :3].swapaxes(1, 2)
+                x = _transforms(x[:, :3, :3], (on_flange - turned).mean(axis=1))
             else:
-                in_tool = (on_flange - x[:3, 3]) @ x[:3, :3]
-                points = np.array([in_tool[point == k].mean(axis=0) for k in range(len(points))])
-    left = in_base() @ b[:3, :3].T + b[:3, 3] - world
-    return Registration(b, x, points, float(np.sqrt(np.mean(np.sum(left**2, axis=1)))))
+                points = np.where(counts[:, None] > 0, average @ moved(spatial.inverse(x), on_flange), points)
+        last, rms = rms, np.sqrt(np.mean(np.sum((moved(b, in_base()) - world) ** 2, axis=2), axis=1))
+        if not (base and tool) or np.all(last - rms <= _SETTLED * rms):
+            break
+    return [Registration(*each) for each in zip(b, x, points, rms.tolist(), strict=True)]

@@ -22,18 +22,21 @@ class Rows:
     data: Dataset
     setup: Setup
     kernel: BatchFunction
+    z: Array
     seen: NDArray[np.bool_]
 
     def __call__(self, x: Array) -> tuple[Array, Array]:
-        r, jacobian = self.kernel(self.data.q, x, self.setup.vector, np.nan_to_num(self.data.z))
+        r, jacobian = self.kernel(self.data.q, x, self.setup.vector, self.z)
+        if self.seen.all():
+            return r, jacobian
         return np.where(self.seen, r, 0.0), np.where(self.seen[:, :, None], jacobian, 0.0)
 
 
 def rows_of(measurement: Measurement, data: Dataset, setup: Setup, kernel: BatchFunction | None = None) -> Rows:
     """The residual rows of a dataset under a setup; a kernel made before may be used again."""
     kernel = kernel or residual_kernel(measurement)
-    unseen = np.isnan(data.z) if measurement.kind == "position" else np.zeros((len(data), measurement.rows), dtype=bool)
-    return Rows(measurement, data, setup, kernel, ~unseen)
+    seen = np.isfinite(data.z) if measurement.kind != "pose" else np.ones((len(data), measurement.rows), dtype=bool)
+    return Rows(measurement, data, setup, kernel, np.nan_to_num(data.z), seen)
 
 
 def residual_kernel(measurement: Measurement) -> BatchFunction:

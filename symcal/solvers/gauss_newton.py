@@ -37,6 +37,8 @@ def gauss_newton(problem: Problem, tolerances: Tolerances = _NO_TOLERANCES) -> S
         scaled = jacobian * width
         step = np.linalg.lstsq(scaled, -residual, rcond=_RANK)[0]
         slope = float(residual @ (scaled @ step))  # derivative of the cost along the step; negative
+        if -slope / 2 <= tolerances.cost * history[-1].cost:
+            return finish(Status.COST, f"the full step would change it by {-slope / 2 / (history[-1].cost or 1.0):.2g}")
         length = 1.0
         while True:
             trial = x + width * (length * step)

@@ -5,12 +5,10 @@ Each step minimises |J s + r|^2 + lambda |D s|^2, the least-squares solution of
     [ J               ]       [ -r ]
     [ sqrt(lambda) D  ] s  =  [  0 ]
 
-which is [Ding2017] eq. 13 with D = I, without forming J^T J. With J D^-1 = U diag(w) V^T the solution for every
-lambda is
-s = -D^-1 V diag(w / (w^2 + lambda)) U^T r, so one decomposition serves all trials of an iteration. D is fixed: the
-identity or 1 / scales.
-Column norms of the current Jacobian (Marquardt, More) as D often lead the paper's problem to its mirror root; they
-are not offered.
+which is [Ding2017] eq. 13 with D = I, without forming J^T J. With J D^-1 = U diag(w) V^T the solution for every lambda
+is s = -D^-1 V diag(w / (w^2 + lambda)) U^T r, so one decomposition serves all trials of an iteration. D is fixed: the
+identity or 1 / scales. Column norms of the current Jacobian (Marquardt, More) as D often lead the paper's problem to
+its mirror root; they are not offered.
 """
 
 from __future__ import annotations
@@ -64,10 +62,10 @@ def levenberg_marquardt(
         if len(history) > tolerances.iterations:
             return finish(Status.ITERATIONS, f"{tolerances.iterations}")
         w, v, projected = _decompose(jacobian * width, residual)
-        gain = _predicted_gain(w, projected, damping)
-        if gain <= tolerances.cost * history[-1].cost:
-            return finish(Status.COST, f"the best step would change it by {gain / (history[-1].cost or 1.0):.2g}")
         while True:
+            gain = _predicted_gain(w, projected, damping)
+            if gain <= tolerances.cost * history[-1].cost:
+                return finish(Status.COST, f"the best step would change it by {gain / (history[-1].cost or 1.0):.2g}")
             scaled_step = -v @ (w / (w**2 + damping) * projected)
             trial = x + width * scaled_step
             new_residual, new_jacobian = problem.evaluate(trial)
@@ -91,10 +89,7 @@ def _predicted_gain(w: Array, projected: Array, damping: float) -> float:
 
 
 def _decompose(scaled: Array, residual: Array) -> tuple[Array, Array, Array]:
-    """Singular values w (n,).
-
-    Right vectors V (n, n) and U^T r (n,), through a QR when there are more rows than columns.
-    """
+    """Singular values w, right vectors V as columns and U^T r; through a QR when there are more rows than columns."""
     if scaled.shape[0] > scaled.shape[1]:
         q, scaled = np.linalg.qr(scaled)
         residual = q.T @ residual

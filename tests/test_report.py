@@ -21,13 +21,17 @@ NASTY = '#set page(fill: red) $x$ *b* _i_ [c] <l> @r \\ "q" // `raw` 日本 Ωµ
 
 
 @pytest.fixture(scope="module")
-def content(configs: Path) -> dict[str, Any]:
-    return content_of(*simulated(configs, "pose"))
+def case(configs: Path) -> Any:
+    return simulated(configs, "pose")
 
 
 @pytest.fixture(scope="module")
-def pictures(configs: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Picture, ...]:
-    case = simulated(configs, "pose")
+def content(case: Any) -> dict[str, Any]:
+    return content_of(*case)
+
+
+@pytest.fixture(scope="module")
+def pictures(case: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Picture, ...]:
     return save_figures(plots.identification_figures(*case), tmp_path_factory.mktemp("report") / "figures")
 
 

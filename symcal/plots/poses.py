@@ -133,8 +133,10 @@ def _caption(
     worst = int(np.argmax(found.position))
     pose = int(found.pose[worst])
     label = labels[last][pose] if last in labels else str(pose + 1)
+    cloud = crowded([len(_position(errors[part]["after"])) for part in parts])
+    only = " (of 'joint offsets only' nothing else is drawn)" if cloud else ""
     return (
-        f"Tool error against the {against}, pose by pose; horizontal lines are the rms. "
+        f"Tool error against the {against}, pose by pose; horizontal lines are the rms{only}. "
         f"Rms {' → '.join(words[s] for s in SHOWN if s in errors[last])}: {'; '.join(sentences)}. The largest position "
         f"error after the identification is {number(float(found.position[worst]))} mm, at {PARTS[last]} pose '{label}'."
     )

@@ -9,18 +9,20 @@ from symcal.errors import InputError
 from symcal.plots import Illustration, print_settings
 from symcal.report.render import Picture
 
-PIXELS_PER_INCH = 200
+PIXELS_PER_INCH = 150
 
 
-def save_figure(illustration: Illustration, folder: Path | str) -> Picture:
+def save_figure(illustration: Illustration, folder: Path | str, truetype: bool = False) -> Picture:
     """Write an illustration as PDF and PNG; the same figure gives the same bytes.
 
+    Args:
+        truetype: embed fonts as TrueType, as some journals ask; slower.
     Raises:
         InputError: the files cannot be written.
     """
     target = Path(folder) / f"{illustration.name}.pdf"
     try:
-        with print_settings():
+        with print_settings(truetype):
             illustration.figure.savefig(target, metadata={"CreationDate": None})
             illustration.figure.savefig(target.with_suffix(".png"), dpi=PIXELS_PER_INCH)
     except OSError as error:

@@ -59,7 +59,7 @@ def export_c(
         InputError: the folder holds files that are not of an export, or cannot be written; the prefix is no identifier.
         RefusedError: the model has numbers that single precision cannot hold.
     """
-    if prefix is not None and identifier(prefix, "") != prefix:
+    if prefix is not None and identifier(prefix, "robot") != prefix:
         message = (
             "the prefix must be lower-case letters, digits and single underscores, at most 24, starting with a letter"
         )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -19,7 +18,7 @@ from symcal.targets import POSE_JOINTS, base_chain, base_frames
 
 SX = ca.SX
 
-_SMALLEST, _LARGEST = 2.0**-126, 2.0**127  # what a float holds without loss; smaller constants are rounding errors
+_SMALLEST, _LARGEST = 2.0**-126, 3.4e38  # what a float holds without loss; smaller constants are rounding errors
 _ROUNDING = 2.0**-50  # of an element of a rotation matrix that was made of angles
 
 
@@ -90,16 +89,25 @@ def _error(step: ca.Function) -> ca.Function:
 
 
 def _portable(program: Program) -> Program:
-    """The same program with constants that a float can hold: those below its range are zero."""
+    """The same program with constants that a float can hold."""
 
     def fit(instruction: Instruction) -> Instruction:
         if not isinstance(instruction, Constant):
             return instruction
-        if not math.isfinite(instruction.value) or abs(instruction.value) > _LARGEST:
-            raise RefusedError(
-                f"the model holds the number {instruction.value:g}, which single precision cannot: "
-                "is a joint's ratio or a length in another unit than the robot file says?"
-            )
-        return instruction if abs(instruction.value) >= _SMALLEST else replace(instruction, value=0.0)
+        return replace(instruction, value=portable(instruction.value))
 
     return replace(program, instructions=tuple(fit(i) for i in program.instructions))
+
+
+def portable(value: float) -> float:
+    """The number, or zero if it is below a float's range.
+
+    Raises:
+        RefusedError: it is above that range.
+    """
+    if not abs(value) <= _LARGEST:
+        raise RefusedError(
+            f"the model holds the number {value:g}, which single precision cannot: "
+            "is a joint's ratio or a length in another unit than the robot file says?"
+        )
+    return value if abs(value) >= _SMALLEST else 0.0

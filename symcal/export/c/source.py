@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.compensate import LEVER, REACHED, joint_caps
+from symcal.export.c.expressions import portable
 from symcal.export.c.names import identifiers, printable
 from symcal.kernels.instructions import Program, c_constant, c_statements, scalar_definitions
 from symcal.parameters import parameter_set
@@ -26,7 +27,6 @@ FLOAT_REACHED = 1e-6
 
 _UNLIMITED = 3e38  # in place of a limit that is not there
 _SIGNATURE = 72  # arguments that are longer go to lines of their own
-_TINY = 1e-30  # numbers in tables below this are rounding errors, and no float
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,7 +163,7 @@ def signature(model: Model, name: str, real: str) -> str:
 
 def table(values: Array, columns: int = 6) -> str:
     """A C initialiser; numbers read back exactly in double."""
-    texts = [c_constant(float(v) if abs(v) > _TINY else 0.0) for v in np.ravel(values)]
+    texts = [c_constant(portable(float(v))) for v in np.ravel(values)]
     rows = [", ".join(texts[k : k + columns]) for k in range(0, len(texts), columns)]
     return "{\n  " + ",\n  ".join(rows) + "\n}"
 

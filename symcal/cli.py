@@ -38,6 +38,26 @@ def run(experiment: Experiment, out: Out = None, seed: Seed = None, set_: Set = 
 
 
 @app.command()
+def plan(
+    experiment: Experiment,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="the plan's folder [reports/<name>-plan]")
+    ] = None,
+    seed: Seed = None,
+    set_: Set = None,
+    quiet: Quiet = False,
+) -> None:
+    """Choose the poses to measure: which, how many, in what order, and how good the plan provably is."""
+    from symcal.plan_experiment import run_plan
+
+    with _progress(quiet) as progress:
+        folder, content = run_plan(experiment, out, seed=seed, overrides=set_ or (), progress=progress)
+    if not quiet:
+        _print_plan(content)
+        _console().print(f"written to {escape(str(folder))}")
+
+
+@app.command()
 def identify(
     experiment: Experiment,
     data: Annotated[
@@ -229,6 +249,26 @@ def _print_accuracy(content: Any) -> None:
     console.print(
         f"against {content['against']}; 'before' is nominal kinematics with base and tool fitted on the training data"
     )
+    for warning in content["warnings"]:
+        console.print(f"[bold]warning:[/bold] {escape(warning)}")
+
+
+def _print_plan(content: Any) -> None:
+    from symcal.report.plan_verdict import plan_verdict
+
+    console = _console()
+    console.print(escape(plan_verdict(content)[0]))
+    found, random = content["plan"], content["plan"]["random"]
+    table = Table("", "this plan", *(["random (median)"] if random else []), box=None, pad_edge=False)
+    for key, label in (
+        ("d_efficiency_lower_bound", "D-efficiency, at least"),
+        ("g_efficiency", "G-efficiency"),
+        ("mean_pose_rms_mm", "foretold error, mean, mm"),
+        ("worst_pose_rms_mm", "foretold error, worst pose, mm"),
+    ):
+        cells = [found[key], *([random[key]] if random else [])]
+        table.add_row(label, *("-" if value is None else f"{value:.4g}" for value in cells))
+    console.print(table)
     for warning in content["warnings"]:
         console.print(f"[bold]warning:[/bold] {escape(warning)}")
 

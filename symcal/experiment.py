@@ -14,12 +14,16 @@ from symcal import config, results
 from symcal.config import ExperimentFile, FileData, SimulatedData
 from symcal.dataset import Dataset, with_random_test
 from symcal.documents import Document, write_document
-from symcal.errors import RefusedError
+from symcal.errors import InputError, RefusedError
 from symcal.estimation import Options
 from symcal.evaluate import Errors, compare, cross_validate, expected_position_rms
 from symcal.identify import Calibration, baseline_model, calibrate
 from symcal.measurement_file import load_measurements, save_measurements
 from symcal.model import Model, build_model
+from symcal.plan_problem import plan_problem
+from symcal.planned import Planned, find_plan, plan_generator
+from symcal.planning.plan_file import write_plan
+from symcal.promised import promise_kept
 from symcal.robot import Robot, load_robot, save_robot
 from symcal.run_folder import run_folder, write_json
 from symcal.simulate import Noise, concatenate, simulate
@@ -43,10 +47,11 @@ class Experiment:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What an identification run found. cross_validation and truth are empty where there are none."""
+    """What an identification run found. planned: the plan behind simulated data, if they have one."""
 
     experiment: Experiment
     data: Dataset
+    planned: Planned | None
     inputs: tuple[Path, ...]
     calibration: Calibration
     errors: Mapping[str, Mapping[str, Errors]]
@@ -92,8 +97,9 @@ def run(
 def identify_experiment(experiment: Experiment, *, data: Path | None = None, progress: Progress) -> Outcome:
     """Measure (or read), identify, evaluate."""
     rng = np.random.default_rng(experiment.seed)
+    planned = None if data else plan_of(experiment, progress)
     progress("reading the measurements" if isinstance(experiment.file.data, FileData) or data else "simulating")
-    measured, exact, inputs = _measurements(experiment, data, rng)
+    measured, exact, inputs = _measurements(experiment, data, planned, rng)
     progress("identifying")
     calibration = calibrate(experiment.model, baseline_model(experiment.model), measured, experiment.options)
     errors: dict[str, Mapping[str, Errors]] = {
@@ -115,15 +121,29 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     content = _content(
         experiment, measured, (experiment.document.path, experiment.robot_path, *inputs), calibration, errors, notes
     )
-    return Outcome(experiment, measured, inputs, calibration, errors, content)
+    return Outcome(experiment, measured, planned, inputs, calibration, errors, content)
+
+
+def plan_of(experiment: Experiment, progress: Progress) -> Planned | None:
+    """The plan that simulated data are taken at; None where the file names no method, or they are not simulated."""
+    wanted = experiment.file.plan
+    if not isinstance(experiment.file.data, SimulatedData) or wanted.method is None:
+        return None
+    progress("planning")
+    rng = plan_generator(experiment.seed)
+    problem = plan_problem(experiment.file, experiment.document, experiment.model, rng)
+    return find_plan(problem, wanted.model_copy(update={"random": 0}), rng, progress)
 
 
 def _measurements(
-    experiment: Experiment, data: Path | None, rng: np.random.Generator
+    experiment: Experiment, data: Path | None, planned: Planned | None, rng: np.random.Generator
 ) -> tuple[Dataset, Dataset | None, tuple[Path, ...]]:
     """The measurements; for simulated ones also the test poses without noise; and the files read."""
     file, document, model = experiment.file, experiment.document, experiment.model
     source = file.data
+    if source is None and data is None:
+        message = "there is nothing to identify from: give 'data' here, or measurements with --data"
+        raise InputError(message, file=document.path, key="data")
     if isinstance(source, SimulatedData) and data is None:
         lower, upper = config.area_of(file, document, experiment.robot)
         units = dict(zip(model.parameters.names, model.parameters.units, strict=True))
@@ -133,7 +153,8 @@ def _measurements(
             source.noise.position * file.units.factor("mm"),
             source.noise.orientation * file.units.factor("rad"),
         )
-        train = simulate(model, truth, rng.uniform(lower, upper, (file.plan.poses, len(lower))), noise, rng)
+        random = rng.uniform(lower, upper, (file.plan.poses, len(lower)))
+        train = simulate(model, truth, random if planned is None else planned.plan.poses, noise, rng)
         if not source.test_poses:
             return train, None, ()
         q = rng.uniform(lower, upper, (source.test_poses, len(lower)))
@@ -145,7 +166,7 @@ def _measurements(
         path,
         experiment.robot,
         model.task.kind,
-        point_names=tuple(file.measurement.points),
+        point_names=model.task.point_names,
         columns=read.columns,
         split=config.split_of(read.split),
         delimiter=read.delimiter,
@@ -186,6 +207,7 @@ def _content(
         **results.calibration_facts(calibration),
         "accuracy": accuracy,
         "expected_position_rms_mm": expected,
+        "promise": promise_kept(file, experiment.model, data, errors),
         "against": "noisy measurement",
     }
 
@@ -200,6 +222,9 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> None:
     write_json(folder / "results.json", outcome.content)
     save_robot(_with_provenance(outcome), folder / "calibrated.yaml")
     save_measurements(outcome.data, experiment.robot, folder / "measurements.csv")
+    if outcome.planned is not None:
+        motion = outcome.planned.motion if outcome.planned.timed else None
+        write_plan(folder / "plan.csv", experiment.robot, outcome.planned.plan.poses, motion)
     resolved = experiment.file.model_dump(mode="json", by_alias=True, exclude_none=True)
     write_document(folder / "experiment.resolved.yaml", resolved | {"seed": experiment.seed})
     (folder / "tables").mkdir()

@@ -11,6 +11,8 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from symcal.documents import Strict
+from symcal.plan_config import PlanConfig
+from symcal.study_config import StudyConfig
 from symcal.units import ANGLE, LENGTH, AngleUnit, LengthUnit
 
 Positive = Annotated[float, Field(gt=0)]
@@ -104,20 +106,13 @@ class SimulatedNoise(Strict):
 
 
 class SimulatedData(Strict):
-    """Measurements made by the program: the planned poses train, random poses of the area test."""
+    """Measurements made by the program: the planned poses train (random ones if no method of planning is named), random
+    poses of the area test."""
 
     source: Literal["simulated"]
     truth: Truth
     noise: SimulatedNoise = SimulatedNoise()
     test_poses: Annotated[int, Field(ge=0)] = 1000
-
-
-class PlanConfig(Strict):
-    """Which poses to measure. area: ranges of the readings by joint name; the joint limits elsewhere."""
-
-    method: Literal["random"] = "random"
-    poses: Annotated[int, Field(ge=1)] = 40
-    area: dict[str, Annotated[list[float], Field(min_length=2, max_length=2)]] = {}
 
 
 class TolerancesConfig(Strict):
@@ -169,7 +164,8 @@ class ExperimentFile(Strict):
     robot: str
     measurement: MeasurementConfig
     plan: PlanConfig = PlanConfig()
-    data: Annotated[FileData | SimulatedData, Field(discriminator="source")]
+    data: Annotated[FileData | SimulatedData, Field(discriminator="source")] | None = None
     identification: IdentificationConfig = IdentificationConfig()
     validation: ValidationConfig = ValidationConfig()
+    study: StudyConfig | None = None
     outputs: OutputsConfig = OutputsConfig()

@@ -21,16 +21,19 @@ from symcal.table import joint_readings, read_table
 Array = NDArray[np.float64]
 
 
-def write_plan(path: Path | str, robot: Robot, poses: Array, motion: Motion | None = None) -> None:
+def write_plan(
+    path: Path | str, robot: Robot, poses: Array, motion: Motion | None = None, *, names: Sequence[str] | None = None
+) -> None:
     """Write the poses of a plan, shape (N, dof), in the order of the motion and with its segments if there is one.
 
-    A pose keeps its number in ``poses``, from 1, as its name.
-
+    Args:
+        names: of the poses; their numbers in ``poses``, from 1, when None.
     Raises:
         InputError: the file cannot be written.
     """
     order = range(len(poses)) if motion is None else [int(i) for i in motion.order]
-    rows = [[f"{i + 1}", *_cells(robot, poses[i])] for i in order]
+    known = [str(i + 1) for i in range(len(poses))] if names is None else names
+    rows = [[known[i], *_cells(robot, poses[i])] for i in order]
     header = ["pose", *_columns(robot)]
     if motion is not None:
         header += ["segment", "time_s"]

@@ -1,0 +1,230 @@
+"""`symcal plan`: an experiment file in, a plan with its proof and its promise out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from symcal import results
+from symcal.documents import write_document
+from symcal.experiment import Experiment, load
+from symcal.plan_config import PlanConfig
+from symcal.plan_problem import PlanProblem, plan_problem
+from symcal.plan_results import (
+    constraint_facts,
+    method_facts,
+    order_facts,
+    plan_facts,
+    plan_notes,
+    plan_tables,
+    promise_facts,
+)
+from symcal.planned import Planned, find_plan, plan_generator, search
+from symcal.planning.band import RandomBand, random_band
+from symcal.planning.methods import fewest_poses
+from symcal.planning.plan_file import write_plan, write_waypoints
+from symcal.planning.promise import PosesNeeded, Promise, poses_needed, promise
+from symcal.planning.region import Accuracy, region_accuracy
+from symcal.planning.search import Plan
+from symcal.run_folder import run_folder, write_json
+from symcal.table import read_table
+
+Array = NDArray[np.float64]
+Progress = Callable[[str], None]
+
+_FIELD = 20000  # poses of the region for the map of predicted errors
+_COUNTS = 11  # numbers of poses that are foretold
+_LARGEST = 2.5  # times the plan's own number
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorField:
+    """Predicted rms position error over the task region: tool positions, shape (K, 3), and errors, shape (K,), mm."""
+
+    tool: Array
+    errors: Array
+
+
+@dataclass(frozen=True, slots=True)
+class PlanOutcome:
+    """A plan and all that is known about it. methods: the plan's own first, then those it is compared with."""
+
+    experiment: Experiment
+    problem: PlanProblem
+    planned: Planned
+    accuracy: Accuracy
+    methods: Mapping[str, Plan]
+    promise: Promise | None
+    band: RandomBand | None
+    needed: tuple[PosesNeeded, ...]
+    field: ErrorField
+    content: Mapping[str, Any]
+
+
+def run_plan(
+    path: Path,
+    out: Path | None = None,
+    *,
+    seed: int | None = None,
+    overrides: Sequence[str] = (),
+    progress: Progress = lambda _: None,
+) -> tuple[Path, Mapping[str, Any]]:
+    """Plan an experiment and write its folder; `reports/<name>-plan` below the current folder when ``out`` is None.
+
+    Returns:
+        the folder, and the content of its results.json.
+    """
+    experiment = load(path, seed=seed, overrides=overrides)
+    outcome = plan_experiment(experiment, progress)
+    target = out or Path("reports") / f"{experiment.file.name}-plan"
+    with run_folder(target) as folder:
+        write(outcome, folder, progress)
+    return target, outcome.content
+
+
+def plan_experiment(experiment: Experiment, progress: Progress = lambda _: None) -> PlanOutcome:
+    """Search, certify, order, foretell.
+
+    Raises:
+        InputError, RefusedError: as `symcal.plan_problem.plan_problem` and `symcal.planned.find_plan` do.
+    """
+    wanted = experiment.file.plan
+    rng = plan_generator(experiment.seed)
+    progress("preparing")
+    problem = plan_problem(experiment.file, experiment.document, experiment.model, rng)
+    planned = find_plan(problem, wanted, rng, progress)
+    for_methods, for_promise, for_field = rng.spawn(3)
+    accuracy = region_accuracy(problem.info, problem.region)
+    methods = {planned.plan.method: planned.plan}
+    for name, stream in zip(wanted.compare, for_methods.spawn(len(wanted.compare)), strict=True):
+        if name not in methods:
+            methods[name] = search(problem, wanted, name, stream, progress=progress)
+    foretold, band, needed = _promise(problem, accuracy, wanted, for_promise, progress)
+    field = _field(problem, accuracy, planned, for_field)
+    shares = constraint_facts(problem, wanted.distance)
+    file, task = experiment.file, experiment.model.task
+    inputs = (experiment.document.path, experiment.robot_path, *problem.inputs)
+    content = {
+        **results.header(file.name, file.title, experiment.seed, inputs, experiment.document.path.parent.resolve()),
+        "kind": "plan",
+        "robot": results.robot_facts(experiment.robot),
+        "measurement": results.measurement_facts(task, {"planned": len(planned.plan)}),
+        "warnings": [*plan_notes(problem, planned), *shares["infeasible_candidates"]],
+        "identifiability": results.identifiability_facts(problem.info.seen),
+        "plan": plan_facts(planned.plan),
+        "methods": method_facts(methods),
+        "promise": promise_facts(foretold, band, needed),
+        "order": order_facts(planned),
+        "constraints": shares,
+        "candidates": None if problem.candidates is None else len(problem.candidates),
+    }
+    return PlanOutcome(experiment, problem, planned, accuracy, methods, foretold, band, needed, field, content)
+
+
+def _promise(
+    problem: PlanProblem, accuracy: Accuracy, wanted: PlanConfig, rng: np.random.Generator, progress: Progress
+) -> tuple[Promise | None, RandomBand | None, tuple[PosesNeeded, ...]]:
+    """What fewer and more poses promise; nothing among candidates, whose number is what it is."""
+    if problem.candidates is not None:
+        return None, None, ()
+    for_counts, for_band, for_needed = rng.spawn(3)
+    info, asked = problem.info, wanted.promise
+    counts = sorted(set(asked.counts)) or _counts(fewest_poses(info), wanted.poses)
+    objective = wanted.criterion if wanted.criterion not in (None, "J") else "D"
+    progress("foretelling errors against the number of poses")
+    foretold = promise(
+        info,
+        counts,
+        for_counts,
+        objective=str(objective),
+        region=problem.region,
+        feasible=problem.feasible,
+        random=asked.random,
+        progress=lambda count: progress(f"foretelling: {count} poses"),
+    )
+    band = random_band(info, accuracy, counts, max(asked.random, 100), for_band, feasible=problem.feasible)
+    needed = []
+    for millimetres, stream in zip(asked.accuracy, for_needed.spawn(len(asked.accuracy)), strict=True):
+        progress(f"how many poses for {millimetres:g}?")
+        needed.append(
+            poses_needed(
+                info,
+                millimetres,
+                stream,
+                figure=asked.figure,
+                region=problem.region,
+                feasible=problem.feasible,
+            )
+        )
+    return foretold, band, tuple(needed)
+
+
+def _counts(fewest: int, poses: int) -> list[int]:
+    """Numbers of poses from the fewest that can do to beyond the plan's, evenly in ratio, the plan's own among them."""
+    most = max(round(_LARGEST * poses), fewest + 1)
+    spread = np.geomspace(fewest, most, _COUNTS).round().astype(int)
+    return sorted({*(int(n) for n in spread), max(poses, fewest)})
+
+
+def _field(problem: PlanProblem, accuracy: Accuracy, planned: Planned, rng: np.random.Generator) -> ErrorField:
+    region = problem.region
+    poses = region.poses
+    if region.area is not None:
+        poses = region.area.sample(rng, _FIELD)
+        if region.feasible is not None:
+            inside = poses[region.feasible(poses)]
+            poses = inside if len(inside) > len(region.poses) else region.poses
+    errors = accuracy.at(poses, problem.info.total(planned.plan.poses))
+    return ErrorField(problem.arm.motion(poses)[0], errors)
+
+
+def write(outcome: PlanOutcome, folder: Path, progress: Progress) -> None:
+    """Everything that planning leaves: numbers, plan.csv, tables, figures, report."""
+    experiment, planned, problem = outcome.experiment, outcome.planned, outcome.problem
+    poses = planned.plan.poses
+    write_json(folder / "results.json", outcome.content)
+    write_plan(
+        folder / "plan.csv",
+        experiment.robot,
+        poses,
+        planned.motion if planned.timed else None,
+        names=planned.names,
+    )
+    resolved = experiment.file.model_dump(mode="json", by_alias=True, exclude_none=True)
+    write_document(folder / "experiment.resolved.yaml", resolved | {"seed": experiment.seed})
+    (folder / "tables").mkdir()
+    tool = problem.arm.motion(poses)[0]
+    errors = outcome.accuracy.at(poses, problem.info.total(poses))
+    for name, table in plan_tables(experiment.robot, planned, outcome.content, tool, errors).items():
+        table.to_csv(folder / "tables" / f"{name}.csv", index=False)
+    if planned.timed:
+        write_waypoints(folder / "tables" / "waypoints.csv", experiment.robot, planned.motion)
+    if problem.candidates is not None:
+        _write_choice(outcome, folder / "tables" / "candidates.csv")
+    if not (experiment.file.outputs.figures or experiment.file.outputs.report):
+        return
+    from symcal.plots.plan import plan_figures
+    from symcal.report import save_figures, write_report
+
+    progress("drawing")
+    pictures = save_figures(plan_figures(outcome), folder / "figures")
+    if experiment.file.outputs.report:
+        progress("writing the report")
+        write_report(outcome.content, pictures, folder / "report.pdf", "plan")
+
+
+def _write_choice(outcome: PlanOutcome, path: Path) -> None:
+    """The file of candidates with a column `split`: `train` for the chosen ones, `test` for the rest."""
+    document, plan = outcome.experiment.document, outcome.experiment.file.plan
+    table = read_table(document.resolve(str(plan.candidates), ("plan", "candidates")))
+    frame = pd.DataFrame(table.rows, columns=list(table.columns))
+    names = table.text("pose") if "pose" in table.columns else [str(i + 1) for i in range(len(table))]
+    chosen = set(outcome.planned.names)
+    frame["split"] = ["train" if name in chosen else "test" for name in names]
+    frame.to_csv(path, index=False)

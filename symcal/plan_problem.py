@@ -1,0 +1,326 @@
+"""The section `plan` of an experiment as a planning problem, in mm and rad, with the place of every mistake."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symcal import config
+from symcal.camera import Target
+from symcal.camera_files import CameraFile, ImageUnits, TargetFile, read_camera, read_target
+from symcal.config import ExperimentFile, SimulatedData
+from symcal.documents import Document, Key
+from symcal.errors import InputError, RefusedError
+from symcal.model import Model
+from symcal.plan_config import AreaRegion, BoxRegion, CameraConstraint, KeepOutBox, KeepOutPlane
+from symcal.planning.area import Feasible, WorkingArea
+from symcal.planning.camera_view import CameraView, camera_view, look_at
+from symcal.planning.clearance import keep_out, plane
+from symcal.planning.constraints import Constraint, feasible, insist, joint_limits
+from symcal.planning.information import PoseInformation, pose_information
+from symcal.planning.ordering import joint_speeds
+from symcal.planning.plan_file import read_plan
+from symcal.planning.region import TaskRegion, area_region, box_region, csv_region
+from symcal.planning.skeleton import Skeleton, skeleton
+from symcal.planning.visibility import visibility
+from symcal.robot import Robot
+from symcal.robot_schema import Frame
+from symcal.robot_schema import Units as FrameUnits
+from symcal.units import ANGLE, LENGTH
+
+Array = NDArray[np.float64]
+
+_INCIDENCE = 60.0  # deg; beyond, a disc's image is a sliver
+
+
+@dataclass(frozen=True, slots=True)
+class PlanProblem:
+    """What is to be planned, made by `plan_problem`.
+
+    area: where poses may lie, margins taken off. measuring, moving: constraints on the measured poses, and the ones
+    among them that also hold on the way. view: the camera with its target, None without one. required, candidates:
+    poses, shape (k, dof), with their names; candidates is None where any pose of the area will do. inputs: files read.
+    start: joint readings where the robot begins, None if not said. speeds: shape (dof,), None if not all are known.
+    """
+
+    info: PoseInformation
+    area: WorkingArea
+    region: TaskRegion
+    arm: Skeleton
+    view: CameraView | None
+    measuring: tuple[Constraint, ...]
+    moving: tuple[Constraint, ...]
+    required: Array
+    required_names: tuple[str, ...]
+    candidates: Array | None
+    candidate_names: tuple[str, ...]
+    start: Array | None
+    speeds: Array | None
+    inputs: tuple[Path, ...]
+
+    @property
+    def robot(self) -> Robot:
+        return self.info.measurement.chain.robot
+
+    @property
+    def feasible(self) -> Feasible | None:
+        return feasible(self.measuring) if self.measuring else None
+
+
+def plan_problem(file: ExperimentFile, document: Document, model: Model, rng: np.random.Generator) -> PlanProblem:
+    """Convert and check everything that the plan of an experiment names.
+
+    Raises:
+        InputError: with file, line and key. RefusedError: no noise is stated, nothing is feasible, or a required pose
+            cannot be measured (named, with the reason).
+    """
+    plan, robot = file.plan, model.robot
+    inputs: list[Path] = []
+    sigmas = nominal_noise(file, model)
+    area = _area(file, document, robot)
+    arm = skeleton(model.measurement.chain, model.setup)
+    view = None
+    measuring: tuple[Constraint, ...] = ()
+    moving = _clearance(file, document, arm)
+    if plan.constraints.camera is not None:
+        view, seen = _camera(plan.constraints.camera, file, document, model, inputs)
+        measuring = seen
+    measuring = (*measuring, *moving)
+    mask = feasible(measuring) if measuring else None
+    required, required_names = _required(file, document, robot, measuring, inputs)
+    candidates, candidate_names = _candidates(file, document, robot, inputs)
+    info = pose_information(
+        model.measurement,
+        model.setup,
+        sigmas,
+        (*model.kinematic, *model.placement),
+        area=area,
+        feasible=mask,
+        poses=plan.poses,
+    )
+    return PlanProblem(
+        info=info,
+        area=area,
+        region=_region(file, document, info, mask, rng, inputs),
+        arm=arm,
+        view=view,
+        measuring=measuring,
+        moving=moving,
+        required=required,
+        required_names=required_names,
+        candidates=candidates,
+        candidate_names=candidate_names,
+        start=None if plan.start is None else _readings(plan.start, file, document, robot, ("plan", "start")),
+        speeds=_speeds(file, document, robot),
+        inputs=tuple(inputs),
+    )
+
+
+def nominal_noise(file: ExperimentFile, model: Model) -> dict[str, float]:
+    """Standard deviation by group of the measurement, mm and rad: as measured, as planned with, or as simulated.
+
+    Raises:
+        RefusedError: none of them is stated. What a plan can promise is a multiple of the noise, and what is
+        identifiable depends on it.
+    """
+    measured, planned = file.measurement.noise, file.plan.noise
+    known = {
+        "position": measured.position or planned.position,
+        "orientation": measured.orientation or planned.orientation,
+    }
+    if isinstance(file.data, SimulatedData):
+        noise = file.data.noise
+        root = 3**-0.5 if noise.distribution == "uniform" else 1.0
+        known["position"] = known["position"] or noise.position * root
+        known["orientation"] = known["orientation"] or noise.orientation * root
+    out: dict[str, float] = {}
+    for group in model.measurement.groups:
+        value = known.get(group.name)
+        if not value:
+            raise RefusedError(
+                f"no noise of the {group.name} is stated, so a plan can promise nothing and what is identifiable is "
+                f"undecided: give its standard deviation per axis under 'measurement.noise.{group.name}', or under "
+                f"'plan.noise.{group.name}' if it is only nominal"
+            )
+        out[group.name] = value * file.units.factor(group.unit)
+    return out
+
+
+@contextmanager
+def _at(document: Document, key: Key) -> Iterator[None]:
+    """Give errors of the geometry their place in the file."""
+    try:
+        yield
+    except InputError as error:
+        if error.file is not None:
+            raise
+        inner: Key = (*key, error.key) if error.key else key
+        raise document.error(error.message, inner, found=error.found, allowed=error.allowed) from None
+
+
+def _area(file: ExperimentFile, document: Document, robot: Robot) -> WorkingArea:
+    lower, upper = config.area_of(file, document, robot)
+    margins = file.plan.margins
+    for i, joint in enumerate(robot.joints):
+        unit = "rad" if joint.revolute else "mm"
+        margin = (margins.angle if joint.revolute else margins.length) * file.units.factor(unit)
+        lower[i], upper[i] = max(lower[i], joint.lower + margin), min(upper[i], joint.upper - margin)
+        if not lower[i] < upper[i]:
+            raise document.error("nothing of this joint's range is left", ("plan", "margins"), found=joint.name)
+    return WorkingArea(lower, upper)
+
+
+def _readings(values: Sequence[float], file: ExperimentFile, document: Document, robot: Robot, key: Key) -> Array:
+    """Joint readings of the file in rad and mm, within the joint limits."""
+    if len(values) != robot.dof:
+        names = ", ".join(joint.name for joint in robot.joints)
+        raise document.error(f"need {robot.dof} joint readings ({names})", key, found=values)
+    units = ["rad" if joint.revolute else "mm" for joint in robot.joints]
+    pose = np.array([value * file.units.factor(unit) for value, unit in zip(values, units, strict=True)])
+    for joint, reading, given in zip(robot.joints, pose, values, strict=True):
+        if not joint.lower - 1e-9 <= reading <= joint.upper + 1e-9:
+            raise document.error(f"outside the limits of joint '{joint.name}'", key, found=given)
+    return pose
+
+
+def _speeds(file: ExperimentFile, document: Document, robot: Robot) -> Array | None:
+    """Speeds of the plan, else of the robot file; None if a joint has none."""
+    names = [joint.name for joint in robot.joints]
+    for name in file.plan.speeds:
+        if name not in names:
+            raise document.error("no such joint", ("plan", "speeds", name), found=name, allowed=names)
+    given: list[float] = []
+    for joint in robot.joints:
+        factor = file.units.factor("rad" if joint.revolute else "mm")
+        own = file.plan.speeds.get(joint.name)
+        value = joint.speed if own is None else own * factor
+        if value is None:
+            return None
+        given.append(value)
+    return joint_speeds(robot, given)
+
+
+def _region(
+    file: ExperimentFile,
+    document: Document,
+    info: PoseInformation,
+    mask: Feasible | None,
+    rng: np.random.Generator,
+    inputs: list[Path],
+) -> TaskRegion:
+    wanted, robot = file.plan.region, info.measurement.chain.robot
+    if wanted is None:
+        return area_region(info.area, rng, feasible=mask)
+    if isinstance(wanted, AreaRegion):
+        # accuracy may be wanted where nothing can be measured: the constraints of a measurement do not hold here
+        own = file.plan.model_copy(update={"area": file.plan.area | wanted.area})
+        lower, upper = config.area_of(file.model_copy(update={"plan": own}), document, robot)
+        return area_region(WorkingArea(lower, upper), rng)
+    if isinstance(wanted, BoxRegion):
+        length = file.units.factor("mm")
+        return box_region(info, np.array(wanted.lower) * length, np.array(wanted.upper) * length, rng)
+    path = config.existing(document, wanted.file, ("plan", "region", "file"), "file of poses")
+    inputs.append(path)
+    return csv_region(path, robot)
+
+
+def _required(
+    file: ExperimentFile, document: Document, robot: Robot, measuring: Sequence[Constraint], inputs: list[Path]
+) -> tuple[Array, tuple[str, ...]]:
+    wanted, key = file.plan.required, ("plan", "required")
+    if isinstance(wanted, str):
+        path = config.existing(document, wanted, key, "file of required poses")
+        inputs.append(path)
+        poses, names = read_plan(path, robot)
+        names = tuple(f"required {name}" for name in names)
+    else:
+        poses = np.array(
+            [_readings(values, file, document, robot, (*key, i)) for i, values in enumerate(wanted)]
+        ).reshape(-1, robot.dof)
+        names = tuple(f"required {i + 1}" for i in range(len(poses)))
+    margins = file.plan.margins
+    limits = joint_limits(
+        robot,
+        angle_margin=margins.angle * file.units.factor("rad"),
+        length_margin=margins.length * file.units.factor("mm"),
+    )
+    return insist((*limits, *measuring), poses, names), names
+
+
+def _candidates(
+    file: ExperimentFile, document: Document, robot: Robot, inputs: list[Path]
+) -> tuple[Array | None, tuple[str, ...]]:
+    if file.plan.candidates is None:
+        return None, ()
+    path = config.existing(document, file.plan.candidates, ("plan", "candidates"), "file of candidates")
+    inputs.append(path)
+    return read_plan(path, robot)
+
+
+def _clearance(file: ExperimentFile, document: Document, arm: Skeleton) -> tuple[Constraint, ...]:
+    length, angle = file.units.factor("mm"), file.units.factor("rad")
+    made = []
+    for i, box in enumerate(file.plan.constraints.keep_out):
+        with _at(document, ("plan", "constraints", "keep_out", i)):
+            made.append(_box(arm, box, length, angle))
+    for i, wall in enumerate(file.plan.constraints.planes):
+        with _at(document, ("plan", "constraints", "planes", i)):
+            made.append(_plane(arm, wall, length))
+    return tuple(made)
+
+
+def _box(arm: Skeleton, box: KeepOutBox, length: float, angle: float) -> Constraint:
+    frame = Frame(xyz=box.xyz, rpy=box.rpy).matrix(length, angle)
+    size = np.array(box.size) * length
+    return keep_out(arm, box.name, frame, size, margin=box.margin * length, first_link=box.first_link)
+
+
+def _plane(arm: Skeleton, wall: KeepOutPlane, length: float) -> Constraint:
+    point, normal = np.array(wall.point) * length, np.array(wall.normal)
+    return plane(arm, wall.name, point, normal, margin=wall.margin * length, first_link=wall.first_link)
+
+
+def _camera(
+    wanted: CameraConstraint, file: ExperimentFile, document: Document, model: Model, inputs: list[Path]
+) -> tuple[CameraView, tuple[Constraint, ...]]:
+    key: Key = ("plan", "constraints", "camera")
+    length, angle = file.units.factor("mm"), file.units.factor("rad")
+    if wanted.file is not None:
+        path = config.existing(document, wanted.file, (*key, "file"), "camera file")
+        inputs.append(path)
+        camera = read_camera(path)
+    else:
+        given = wanted.model_dump(include={"width", "height", "intrinsics", "lens", "distortion"}, exclude_none=True)
+        camera = CameraFile(units=ImageUnits(image="px"), **given).camera()
+    target, mount = _target(wanted, file, document, key, inputs)
+    place = wanted.placement
+    with _at(document, (*key, "placement")):
+        if place.frame is not None:
+            T_world_camera = place.frame.matrix(length, angle)
+        else:
+            T_world_camera = look_at(np.array(place.position) * length, np.array(place.look_at) * length)
+    view = camera_view(model.measurement.chain, model.setup, camera, T_world_camera, target, mount)
+    depth = (0.0, np.inf) if wanted.depth is None else (wanted.depth[0] * length, wanted.depth[1] * length)
+    incidence = np.deg2rad(_INCIDENCE) if wanted.incidence is None else wanted.incidence * angle
+    return view, visibility(view, margin=wanted.margin_px, depth=depth, incidence=incidence)
+
+
+def _target(
+    wanted: CameraConstraint, file: ExperimentFile, document: Document, key: Key, inputs: list[Path]
+) -> tuple[Target, Array]:
+    if isinstance(wanted.target, str):
+        path = config.existing(document, wanted.target, (*key, "target"), "target file")
+        inputs.append(path)
+        target = read_target(path)
+        return target, np.eye(4) if target.mount is None else target.mount
+    shape, units = wanted.target, FrameUnits(length=file.units.length, angle=file.units.angle)
+    with _at(document, (*key, "target")):
+        made = TargetFile(
+            units=units, disc_radius=shape.disc_radius, triangle=shape.triangle, points=shape.points, mount=shape.mount
+        ).target()
+    return made, shape.mount.matrix(LENGTH[units.length], ANGLE[units.angle])

@@ -1,0 +1,123 @@
+"""The verdict of a plan in plain words: what is proven, what is foretold, and no more."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from symcal.words import number, plural
+
+Content = Mapping[str, Any]
+
+_EXACT = 0.9995
+"""Above this a bound is written as 99.9 % and not rounded up to a whole."""
+
+
+def plan_verdict(content: Content) -> list[str]:
+    """Sentences for page one, the most important first.
+
+    Args:
+        content: the results dictionary (results.json) of a plan.
+    """
+    return [_main(content), *_foretold(content), *_compared(content), *_needed(content), _seen(content), *_way(content)]
+
+
+def percent(share: float) -> str:
+    """A share as a percentage, rounded down to a tenth so that a lower bound stays one."""
+    return f"{int(min(share, 0.99999) * 1000) / 10:.1f} %"
+
+
+def _main(content: Content) -> str:
+    plan = content["plan"]
+    n = plan["poses"]
+    which = "any other choice of as many candidates" if content["candidates"] else f"any {n} poses"
+    bound = plan["criterion_efficiency_lower_bound"]
+    if plan["criterion"] == "D" or bound is None:
+        text = (
+            f"These {n} poses carry at least {percent(plan['d_efficiency_lower_bound'])} of the information that "
+            f"{which} can carry (D-efficiency, a proven bound)"
+        )
+        return text + ("." if plan["criterion"] == "D" else f"; for criterion {plan['criterion']} no bound is known.")
+    return (
+        f"These {n} poses are at least {percent(bound)} as good as {which} can be by criterion {plan['criterion']} "
+        f"(a proven bound); their D-efficiency is at least {percent(plan['d_efficiency_lower_bound'])}."
+    )
+
+
+def _noise(content: Content) -> str:
+    plan = content["plan"]
+    words = [f"{number(plan['noise_sigma_mm'])} mm"] if plan["noise_sigma_mm"] else []
+    if plan["noise_sigma_deg"]:
+        words.append(f"{number(plan['noise_sigma_deg'])} deg")
+    return " and ".join(words)
+
+
+def _foretold(content: Content) -> list[str]:
+    plan = content["plan"]
+    text = (
+        f"With measurement noise of {_noise(content)} (standard deviation per axis) they foretell a tool error of "
+        f"{number(plan['mean_pose_rms_mm'])} mm rms over the region where accuracy is wanted and "
+        f"{number(plan['worst_pose_rms_mm'])} mm at its worst pose, from noise alone."
+    )
+    out = [text]
+    if plan["hidden_mm"] > _NOTICEABLE * plan["mean_pose_rms_mm"]:
+        out.append(
+            f"Directions that this measurement cannot see may add {number(plan['hidden_mm'])} mm rms there if they are "
+            "as large as is plausible."
+        )
+    return out
+
+
+_NOTICEABLE = 0.05
+
+
+def _compared(content: Content) -> list[str]:
+    plan, random = content["plan"], content["plan"]["random"]
+    if random is None:
+        return []
+    if random["mean_pose_rms_mm"] is None:
+        return [f"Half of all random plans of {plan['poses']} poses leave a direction undetermined."]
+    return [
+        f"Random plans of as many poses have a D-efficiency of {percent(random['d_efficiency_lower_bound'])} and "
+        f"foretell {number(random['mean_pose_rms_mm'])} mm rms and {number(random['worst_pose_rms_mm'])} mm at the "
+        f"worst pose (medians of {random['plans']})."
+    ]
+
+
+def _needed(content: Content) -> list[str]:
+    promise = content["promise"]
+    if promise is None:
+        return []
+    out = []
+    for entry in promise["needed"]:
+        figure = "rms" if entry["figure"] == "mean" else "at the worst pose"
+        random = (
+            f"random ones need about {entry['random']}"
+            if entry["random"]
+            else "random ones do not get there with any practical number"
+        )
+        least = (
+            "no fewer can do"
+            if entry["at_least"] == entry["poses"]
+            else f"fewer than {entry['at_least']} cannot do, whatever the plan"
+        )
+        out.append(
+            f"{plural(entry['poses'], 'pose')} {'suffice' if entry['poses'] > 1 else 'suffices'} for "
+            f"{entry['accuracy_mm']:g} mm {figure} ({least}; {random})."
+        )
+    return out
+
+
+def _seen(content: Content) -> str:
+    seen = content["identifiability"]
+    total, rank = seen["parameters"], seen["rank"]
+    if rank == total:
+        return f"The plan determines all {total} parameters."
+    return f"Of {plural(total, 'parameter')} this measurement can determine {plural(rank, 'combination')}."
+
+
+def _way(content: Content) -> list[str]:
+    order = content["order"]
+    lines, joint = order["segments"]["line"], order["segments"]["joint"]
+    time = "" if order["time_s"] is None else f" takes {order['time_s']:.0f} s of motion at full joint speeds and"
+    return [f"The way through the poses{time} is straight for the tool in {lines} of {lines + joint} segments."]

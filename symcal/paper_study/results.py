@@ -8,11 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.dataset import Dataset
 from symcal.estimation import Fit
 from symcal.evaluate import Statistics, statistics
 from symcal.identifiability import Identifiability
 from symcal.identify import Calibration
 from symcal.model import Model
+from symcal.plan_problem import PlanProblem
+from symcal.planned import Planned
 from symcal.planning.camera_view import CameraView
 from symcal.planning.certificate import Certificate
 from symcal.planning.fitness import Reading
@@ -36,10 +39,11 @@ class Setting:
     """What all parts of the study share.
 
     truth: errors of the simulated robot (Table III), shape (n,), mm and rad. sigma: of the noise per axis, mm.
-    test_poses: shape (T, dof). test_positions: where the true robot is there, shape (T, 3), mm. nominal_positions:
-    where the nominal one is, shape (T, 3), mm.
+    count: N, poses of every plan. test_poses: shape (T, dof). test_positions, nominal_positions: where the true and
+    the nominal robot are there, shape (T, 3), mm.
     info, where, accuracy: information of a pose, the feasible set, and the predicted error over the test poses, all at
-    nominal. view, arm: camera, target and nominal arm. start: the initial pose, shape (dof,). speeds: shape (dof,).
+    nominal. view, arm: camera, target and nominal arm. margin_px, incidence: within which a pose counts as visible, px
+    and rad. start: the initial pose, shape (dof,). speeds: shape (dof,).
     """
 
     model: Model
@@ -54,6 +58,8 @@ class Setting:
     where: FeasibleSet
     accuracy: Accuracy
     view: CameraView
+    margin_px: float
+    incidence: float
     arm: Skeleton
     start: Array
     speeds: Array
@@ -240,14 +246,21 @@ class Gauge:
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """The whole study."""
+    """The whole study.
+
+    problem, certified: the planning problem of the experiment, and its certified plan with all that a plan says.
+    data: what was measured in Simulation II, by plan. seconds: wall time of each part.
+    """
 
     setting: Setting
+    problem: PlanProblem
+    certified: Planned
     plans: Mapping[str, StudyPlan]
     random: RandomPlans
     readings: tuple[ReadingResult, ...]
     simulation_1: SimulationOne
     simulation_2: Mapping[str, Identified]
+    data: Mapping[str, Dataset]
     repetitions: Repetitions
     gauge: Gauge
     seconds: Mapping[str, float]

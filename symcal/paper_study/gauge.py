@@ -1,0 +1,41 @@
+"""What positions of one point cannot tell: the unseen directions, and what three ways of fitting make of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symcal.identifiability import Identifiability, analyse
+from symcal.kernels import batch_function
+from symcal.measurements import Measurement, Setup
+from symcal.paper_study.batch_fit import fit_many
+from symcal.paper_study.repetitions import judge, measure
+from symcal.paper_study.results import Gauge, Setting, StudyPlan
+from symcal.paper_study.setting import target_measurement
+from symcal.paper_study.simulation_2 import unregularised
+
+Array = NDArray[np.float64]
+
+
+def gauge(setting: Setting, plan: StudyPlan, count: int, rng: np.random.Generator) -> Gauge:
+    """Spectra at nominal and at the truth, and ``count`` repetitions by minimum norm, with priors, and with neither."""
+    model, nominal = setting.model, np.zeros(len(setting.truth))
+    data = measure(setting, plan.poses, count, rng)
+    spread = {
+        "unregularised": np.array([unregularised(setting, plan.poses, z) for z in data]),
+        "minimum_norm": fit_many(model, plan.poses, data, setting.sigma, "minimum_norm").x,
+        "priors": fit_many(model, plan.poses, data, setting.sigma, "priors").x,
+    }
+    return Gauge(
+        plan=plan.name,
+        seen=_seen(setting, plan.poses, nominal, model.measurement, model.setup),
+        at_truth=_seen(setting, plan.poses, setting.truth, model.measurement, model.setup),
+        target=_seen(setting, plan.poses, nominal, *target_measurement(setting)),
+        spread=spread,
+        true_rms={name: judge(setting, x, rng)[:, 3] for name, x in spread.items()},
+    )
+
+
+def _seen(setting: Setting, poses: Array, x: Array, measurement: Measurement, setup: Setup) -> Identifiability:
+    (jacobian,) = batch_function(measurement.jacobian, evaluations=0)(poses, x, setup.vector)
+    return analyse(jacobian.reshape(-1, len(x)) / setting.sigma, measurement.parameters)

@@ -1,0 +1,81 @@
+"""Simulation II of [Ding2017]: identification from noisy positions, judged at test poses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symcal.dataset import Dataset
+from symcal.estimation import Options
+from symcal.identify import baseline_model, calibrate
+from symcal.least_squares import Problem, Tolerances
+from symcal.paper_study.batch_fit import fit_many
+from symcal.paper_study.repetitions import cramer_rao
+from symcal.paper_study.results import Identified, Setting, StudyPlan
+from symcal.paper_study.setting import positions
+from symcal.simulate import simulate
+from symcal.solvers import levenberg_marquardt
+
+Array = NDArray[np.float64]
+
+
+def simulation_2(
+    setting: Setting, plans: Mapping[str, StudyPlan], options: Options, rng: np.random.Generator
+) -> tuple[Mapping[str, Identified], Mapping[str, Dataset]]:
+    """Measure and identify once on every plan; all are judged against the same noisy test data.
+
+    Args:
+        options: of the identification; its known noise is set to that of the simulation.
+    Returns:
+        what was found, and what was measured, by plan.
+    """
+    model = setting.model
+    for_test, *for_plans = rng.spawn(1 + len(plans))
+    options = Options(options.solver, options.tolerances, options.loss, {"position": setting.sigma})
+    baseline = baseline_model(model)
+    truth = model.parameters.mapping(setting.truth)
+    noise = setting.noise.draw(setting.noise.position, setting.test_positions.shape, for_test)
+    measured = setting.test_positions + noise
+    found, data = {}, {}
+    for (name, plan), own in zip(plans.items(), for_plans, strict=True):
+        data[name] = simulate(model, truth, plan.poses, setting.noise, own)
+        calibration = calibrate(model, baseline, data[name], options)
+        free = unregularised(setting, plan.poses, data[name].z)
+        priors = fit_many(model, plan.poses, data[name].z[None], setting.sigma, "priors").x[0]
+        after = positions(setting, setting.test_poses, calibration.after.x)
+        found[name] = Identified(
+            plan=name,
+            calibration=calibration,
+            unregularised=free,
+            priors=priors,
+            before_measured=_norms(setting.nominal_positions - measured),
+            after_measured=_norms(after - measured),
+            after_true=_norms(after - setting.test_positions),
+            unregularised_true=true_errors(setting, free),
+            priors_true=true_errors(setting, priors),
+            cramer_rao_mm=float(cramer_rao(setting, plan.poses)),
+        )
+    return found, data
+
+
+def _norms(vectors: Array) -> Array:
+    return np.asarray(np.linalg.norm(vectors, axis=-1))
+
+
+def true_errors(setting: Setting, x: Array) -> Array:
+    """Errors against truth at the test poses, shape (T,), mm, of the robot with errors x."""
+    return _norms(positions(setting, setting.test_poses, x) - setting.test_positions)
+
+
+def unregularised(setting: Setting, poses: Array, z: Array) -> Array:
+    """All parameters free and nothing to hold what the data do not see, as in the paper: errors, shape (n,)."""
+    model, sigma = setting.model, setting.sigma
+
+    def evaluate(x: Array) -> tuple[Array, Array]:
+        residual, jacobian = model.residual(poses, x, model.setup.vector, z)
+        return residual.ravel() / sigma, jacobian.reshape(-1, len(x)) / sigma
+
+    problem = Problem(evaluate, np.zeros(len(setting.truth)), model.parameters.scales)
+    return levenberg_marquardt(problem, Tolerances(cost=1e-9, iterations=200), damping=1e-6).x

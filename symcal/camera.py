@@ -162,9 +162,9 @@ def rays(camera: Camera, pixels: Float) -> Float:
     return np.where(bad[..., None], np.nan, xy)
 
 
-def distortion_slopes(x: Float, y: Float, dist: tuple[float, ...]) -> tuple[tuple[Float, Float], tuple[Float, Float]]:
-    """Derivatives of the distorted coordinates by x and by y."""
-    k1, k2, p1, p2, k3 = dist
+def distortion_slopes(x: Any, y: Any, dist: Any) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
+    """Derivatives of the distorted coordinates by x and by y; SX, float or array as in `distort`."""
+    k1, k2, p1, p2, k3 = (dist[i] for i in range(5))
     r2 = x * x + y * y
     radial, slope = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))
     cross = x * y * slope + 2 * p1 * x + 2 * p2 * y

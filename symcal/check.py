@@ -73,7 +73,7 @@ def potential(model: Model) -> Identifiability:
     q = rng.uniform(lower, upper, (_SAMPLE, len(lower)))
     (jacobian,) = model.jacobian(q, np.zeros(len(model.parameters)), model.setup.vector)
     # orientations weigh like a point at 200 mm, so that the numerical rank does not depend on units
-    weight = model.measurement.per_component({"position": 1.0, "orientation": 200.0})
+    weight = model.measurement.per_component({"position": 1.0, "orientation": 200.0, "image": 1.0})
     free = (*model.kinematic, *model.placement)
     stacked = (jacobian * weight[None, :, None]).reshape(-1, len(model.parameters))
     return analyse(stacked, model.parameters, free, noise_known=False)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from symcal import measurements
+from symcal.camera import INTRINSIC_NAMES, Camera, Target
 from symcal.errors import InputError
 from symcal.kernels import BatchFunction, batch_function
 from symcal.kinematics import chain, forward
@@ -19,30 +20,44 @@ from symcal.robot import Robot
 from symcal.rows import residual_kernel
 
 Array = NDArray[np.float64]
-Part = Literal["base", "tool", "points"]
+Part = Literal["base", "tool", "points", "camera", "intrinsics"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """A fixed camera, the target on the tool that it looks at, and where it roughly stands.
+
+    T_world_camera: z along its view, y down, shape (4, 4), mm; None if that is to be found from the image points.
+    """
+
+    camera: Camera
+    target: Target
+    T_world_camera: Array | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
     """What is measured on a robot and what is to be estimated.
 
-    kind: `position` or `pose`; invert: pose data are T_tool_world (eye in hand). estimate: parts whose place is
-        unknown.
+    kind: `position`, `pose` or `pixels`; invert: pose data are T_tool_world (eye in hand). estimate: parts whose place
+        is unknown.
     points: tool points in the tool frame by name, mm (position); coordinates of points to be estimated may be anything.
+    scene: of `pixels` (see `pixels_task`): the tool is then the target's frame, and its points are the target's.
     fix: parameters to hold at nominal. scales, priors: by parameter name, mm or rad.
     """
 
-    kind: Literal["position", "pose"]
+    kind: Literal["position", "pose", "pixels"]
     estimate: frozenset[Part] = frozenset()
     points: Mapping[str, tuple[float, float, float]] = field(default_factory=lambda: {"P": (0.0, 0.0, 0.0)})
     invert: bool = False
     fix: tuple[str, ...] = ()
     scales: Mapping[str, float] = field(default_factory=dict)
     priors: Mapping[str, float] = field(default_factory=dict)
+    scene: Scene | None = None
 
     @property
     def point_names(self) -> tuple[str, ...]:
-        return tuple(self.points) if self.kind == "position" else ()
+        return () if self.kind == "pose" else tuple(self.points)
 
     @property
     def tool(self) -> Literal["frame", "position", "points"] | None:
@@ -50,7 +65,7 @@ class Task:
         if "points" in self.estimate:
             return "points"
         if "tool" in self.estimate:
-            return "frame" if self.kind == "pose" or len(self.points) > 1 else "position"
+            return "position" if self.kind == "position" and len(self.points) == 1 else "frame"
         return None
 
     def parameters(self, robot: Robot) -> ParameterSet:
@@ -62,8 +77,16 @@ class Task:
         if {"points", "tool"} <= self.estimate:
             message = "'tool' and 'points' cannot both be estimated: moving the tool is moving all its points"
             raise InputError(message, key="measurement.estimate")
-        if "points" in self.estimate and self.kind != "position":
-            raise InputError("only position measurements have tool points to estimate", key="measurement.estimate")
+        if "points" in self.estimate and self.kind == "pose":
+            raise InputError("pose measurements have no tool points to estimate", key="measurement.estimate")
+        for part in ("camera", "intrinsics"):
+            if part in self.estimate and self.scene is None:
+                raise InputError("only pixel measurements have a camera", key="measurement.estimate", found=part)
+        if self.kind == "pixels" and self.scene is None:
+            raise InputError("pixel measurements need a camera and a target", key="measurement")
+        if {"base", "camera"} <= self.estimate:
+            message = "'base' and 'camera' cannot both be estimated: moving the robot is moving the camera"
+            raise InputError(message, key="measurement.estimate")
         if self.invert and self.kind != "pose":
             raise InputError("only pose measurements can be inverted", key="measurement.invert")
         return parameter_set(
@@ -71,7 +94,33 @@ class Task:
             base="base" in self.estimate,
             tool=None if self.tool == "points" else self.tool,
             points=self.point_names if self.tool == "points" else (),
+            camera="camera" in self.estimate,
+            intrinsics=self.scene.camera if self.scene and "intrinsics" in self.estimate else None,
         )
+
+
+def pixels_task(
+    scene: Scene,
+    estimate: Iterable[Part] = ("tool", "camera", "intrinsics"),
+    *,
+    fix: tuple[str, ...] = (),
+    scales: Mapping[str, float] | None = None,
+    priors: Mapping[str, float] | None = None,
+) -> Task:
+    """Identification from image points: by default mount, camera pose and, with their prior, intrinsics are unknown."""
+    points = {
+        name: (float(x), float(y), float(z))
+        for name, (x, y, z) in zip(scene.target.names, scene.target.points, strict=True)
+    }
+    return Task(
+        kind="pixels",
+        estimate=frozenset(estimate),
+        points=points,
+        fix=fix,
+        scales=scales or {},
+        priors=priors or {},
+        scene=scene,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +135,7 @@ class Model:
     jacobian: BatchFunction
     flange: BatchFunction
     setup: Setup
+    points: BatchFunction | None = None
 
     @property
     def parameters(self) -> ParameterSet:
@@ -104,10 +154,15 @@ class Model:
 
     @property
     def placement(self) -> tuple[str, ...]:
-        """Parameters of base, tool and points that are estimated."""
+        """Parameters of base, tool, points and camera that are estimated."""
         return tuple(
             name for name in self.parameters.names if name not in self.robot.parameters and name not in self.task.fix
         )
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """The placement without the camera's intrinsics."""
+        return tuple(name for name in self.placement if name not in INTRINSIC_NAMES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,12 +187,15 @@ def build_model(robot: Robot, task: Task) -> Model:
             raise InputError("no such parameter to fix", key="identification.fix", found=name, allowed=parameters.names)
     parameters = parameters.with_scales(task.scales).with_priors(task.priors)
     symbolic = chain(robot, parameters)
+    points = np.array([task.points[name] for name in task.point_names], dtype=float).reshape(-1, 3)
+    setup = Setup(robot.base, robot.tool, points)
     if task.kind == "position":
         measurement = measurements.position(symbolic, task.point_names)
-        points = np.array(list(task.points.values()), dtype=float).reshape(-1, 3)
+    elif task.scene is not None:
+        measurement = measurements.pixels(symbolic, task.point_names)
+        setup = _scene_setup(setup, task.scene)
     else:
         measurement = measurements.pose(symbolic, invert=task.invert)
-        points = np.zeros((0, 3))
     return Model(
         task=task,
         robot=robot,
@@ -146,5 +204,12 @@ def build_model(robot: Robot, task: Task) -> Model:
         accuracy=batch_function(measurement.accuracy, evaluations=0),
         jacobian=batch_function(measurement.jacobian, evaluations=0),
         flange=batch_function(forward(symbolic), evaluations=0),
-        setup=Setup(robot.base, robot.tool, points),
+        setup=setup,
+        points=None if measurement.points is None else batch_function(measurement.points, evaluations=0),
     )
+
+
+def _scene_setup(setup: Setup, scene: Scene) -> Setup:
+    tool = setup.tool if scene.target.mount is None else scene.target.mount
+    camera = np.eye(4) if scene.T_world_camera is None else scene.T_world_camera
+    return replace(setup, tool=tool, camera=camera, intrinsics=scene.camera.intrinsics)

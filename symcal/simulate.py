@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from symcal.camera import Camera, in_image
 from symcal.dataset import Dataset
 from symcal.kernels import batch_function
 from symcal.model import Model
@@ -19,7 +20,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Independent noise per axis: standard deviation (normal) or half width (uniform); mm and rad.
+    """Independent noise per axis: standard deviation (normal) or half width (uniform); mm, rad and px.
 
     The noise of a pose's orientation is a rotation vector applied on the right (in the frame that is measured).
     """
@@ -27,6 +28,7 @@ class Noise:
     distribution: Literal["normal", "uniform"] = "normal"
     position: float = 0.0
     orientation: float = 0.0
+    image: float = 0.0
 
     def draw(self, size: float, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
         if self.distribution == "uniform":
@@ -45,11 +47,16 @@ def simulate(
 
     Args:
         truth: errors by parameter name, mm and rad. q: joint readings, shape (N, dof).
+    Returns:
+        measurements with noise; NaN for a target point that is out of the camera's image.
     """
     x = model.parameters.vector(truth)
     (z,) = batch_function(model.measurement.predict, evaluations=len(q))(q, x, model.setup.vector)
     if model.task.kind == "position":
         z = z + noise.draw(noise.position, z.shape, rng)
+    elif model.task.scene is not None:
+        z = z + noise.draw(noise.image, z.shape, rng)
+        z = np.where(_in_view(model, model.task.scene.camera, x, q, z), z, np.nan)
     else:
         position = z[:, :3] + noise.draw(noise.position, (len(z), 3), rng)
         turn = Rotation.from_rotvec(noise.draw(noise.orientation, (len(z), 3), rng))
@@ -63,6 +70,17 @@ def simulate(
         point_names=model.measurement.point_names,
         provenance="simulated",
     )
+
+
+def _in_view(model: Model, camera: Camera, x: Array, q: Array, z: Array) -> NDArray[np.bool_]:
+    """Which image coordinates, shape (N, 2 k), belong to points in front of the camera and inside the image."""
+    assert model.points is not None
+    world, _ = model.points(q, x, model.setup.vector)
+    frame = model.setup.moved(model.parameters.mapping(x), model.measurement.point_names).camera
+    assert frame is not None
+    depth = (world.reshape(len(q), -1, 3) - frame[:3, 3]) @ frame[:3, 2]
+    seen = in_image(camera, z.reshape(len(q), -1, 2)) & (depth > 0)
+    return np.repeat(seen, 2, axis=1)
 
 
 def concatenate(first: Dataset, second: Dataset) -> Dataset:

@@ -23,23 +23,36 @@ class Setup:
     """Where things nominally are: numbers that a model is given at evaluation, and that its increments refer to.
 
     base: T_world_base, tool: T_flange_tool, shape (4, 4), mm. points: tool points in the tool frame, shape (k, 3), mm.
+    camera: T_world_camera, shape (4, 4), mm, and intrinsics: its numbers, shape (9,); None without a camera.
     """
 
     base: Array
     tool: Array
     points: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    camera: Array | None = None
+    intrinsics: Array | None = None
 
     @property
     def vector(self) -> Array:
-        return np.concatenate([frame_vector(self.base, self.tool), self.points.ravel()])
+        parts = [frame_vector(self.base, self.tool), self.points.ravel()]
+        if self.camera is not None and self.intrinsics is not None:
+            parts += [self.camera[:3].ravel(order="F"), self.intrinsics]
+        return np.concatenate(parts)
 
     def moved(self, errors: dict[str, float], point_names: tuple[str, ...] = ()) -> Setup:
-        """The setup with the increments of base, tool and points in ``errors`` (mm, rad) carried out."""
+        """The setup with the increments of base, tool, points and camera in ``errors`` (mm, rad) carried out.
+
+        Intrinsics stay: their errors are from the calibration that gave their prior.
+        """
         points = self.points + np.array(
             [[errors.get(f"tool_{name}_{axis}", 0.0) for axis in "xyz"] for name in point_names]
         ).reshape(self.points.shape)
         return replace(
-            self, base=_moved(self.base, "base", errors), tool=_moved(self.tool, "tool", errors), points=points
+            self,
+            base=_moved(self.base, "base", errors),
+            tool=_moved(self.tool, "tool", errors),
+            points=points,
+            camera=None if self.camera is None else _moved(self.camera, "camera", errors),
         )
 
 
@@ -67,10 +80,13 @@ class Measurement:
     predict:  (q, x, setup) -> h, shape (nz,), as the instrument would give it.
     residual: (q, x, setup, z) -> r = model minus measured, shape (m,), and J = dr/dx, shape (m, n).
     jacobian: (q, x, setup) -> J at zero residual, shape (m, n): the information of a pose that is yet to be measured.
-    accuracy: (q, x, setup, z) -> e, shape (m,): the tool's error in the words of the user (world frame), grouped as r.
+    accuracy: (q, x, setup, z) -> e: the tool's error in the words of the user (world frame), mm and rad, grouped as r.
+        Of an image point: the smallest displacement, across the line of sight, that would explain the residual.
+    points: (q, x, setup) -> tool points in world, shape (3 k,), mm, and their Jacobian, shape (3 k, n); of `pixels`,
+        whose rows are not positions.
     """
 
-    kind: Literal["position", "pose"]
+    kind: Literal["position", "pose", "pixels"]
     chain: Chain
     point_names: tuple[str, ...]
     groups: tuple[Group, ...]
@@ -78,6 +94,7 @@ class Measurement:
     residual: ca.Function
     jacobian: ca.Function
     accuracy: ca.Function
+    points: ca.Function | None = None
 
     @property
     def parameters(self) -> ParameterSet:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
@@ -23,6 +21,7 @@ from symcal.measurement_file import Split
 from symcal.model import Task
 from symcal.robot import Robot
 from symcal.units import LENGTH
+from symcal.yaml_dialect import parse_value
 
 Array = NDArray[np.float64]
 
@@ -31,34 +30,27 @@ def load_experiment(path: Path | str, overrides: Sequence[str] = ()) -> tuple[Ex
     """Read an experiment file.
 
     Args:
-        overrides: `key.path=value` with the value in YAML, as `--set` takes them.
+        overrides: `key.path=value` with the value in YAML, as `--set` takes them; errors then name the option.
     Raises:
         InputError: with file, line and key for anything that is not as the schema says.
     """
     document = read_document(path)
+    if "links" in document.data:
+        raise InputError("this is a robot file: an experiment, which names a robot, is needed here", file=path, line=1)
     for override in overrides:
-        _override(document, override)
+        document = _override(document, override)
     return validate(document, ExperimentFile), document
 
 
-def _override(document: Document, text: str) -> None:
+def _override(document: Document, text: str) -> Document:
     key, equals, value = text.partition("=")
-    if not equals or not key.strip():
+    parts: Key = tuple(key.strip().split("."))
+    if not equals or not all(parts):
         raise InputError("expected key.path=value", key="--set", found=text)
     try:
-        parsed: Any = yaml.safe_load(value)
+        return document.with_value(parts, parse_value(value))
     except yaml.YAMLError:
         raise InputError("the value is not YAML", key="--set", found=text) from None
-    if isinstance(parsed, str):  # 1e-3 is a number here, as in the file
-        with suppress(ValueError):
-            parsed = float(parsed)
-    *parents, last = key.strip().split(".")
-    node: Any = document.data
-    for part in parents:
-        node = node.setdefault(part, {}) if isinstance(node, dict) else None
-        if not isinstance(node, dict):
-            raise InputError("this key has no keys of its own", file=document.path, key=key, found=part)
-    node[last] = parsed
 
 
 def existing(document: Document, path: str, key: Key, what: str) -> Path:
@@ -70,8 +62,17 @@ def existing(document: Document, path: str, key: Key, what: str) -> Path:
 
 
 def task_of(file: ExperimentFile, document: Document, robot: Robot) -> Task:
-    """The identification task that an experiment describes, in mm and rad."""
+    """The identification task that an experiment describes, in mm and rad.
+
+    Raises:
+        InputError: parts that cannot be estimated together, a point without coordinates, or a parameter that is not
+        there.
+    """
     m, i, units = file.measurement, file.identification, file.units
+    for name, xyz in m.points.items():
+        if xyz is None and "points" not in m.estimate:
+            message = "this point has no coordinates: give them, or add 'points' to 'estimate'"
+            raise document.error(message, ("measurement", "points", name))
     length = LENGTH[units.length]
     points: dict[str, tuple[float, float, float]] = {
         name: (0.0, 0.0, 0.0) if xyz is None else (xyz[0] * length, xyz[1] * length, xyz[2] * length)
@@ -84,7 +85,10 @@ def task_of(file: ExperimentFile, document: Document, robot: Robot) -> Task:
         invert=m.invert,
         fix=tuple(i.fix),
     )
-    known = _unit_of(task, robot)
+    try:
+        known = _unit_of(task, robot)
+    except InputError as error:
+        raise document.error(error.message, tuple((error.key or "").split(".")), found=error.found) from None
     converted: dict[str, dict[str, float]] = {"scales": {}, "priors": {}}
     for section, values in (("scales", i.scales), ("priors", i.priors)):
         for name, value in values.items():

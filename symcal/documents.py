@@ -12,48 +12,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
 from symcal.errors import InputError
+from symcal.yaml_dialect import TAG, Dumper, Loader
 
 Key = tuple[str | int, ...]
 Model = TypeVar("Model", bound=BaseModel)
-
-_TAG = "tag:yaml.org,2002:"
-_FLOAT = re.compile(
-    r"^[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?$|^[-+]?\.(?:inf|Inf|INF)$|^\.(?:nan|NaN|NAN)$"
-)
-
-
-class _Loader(yaml.SafeLoader):
-    """SafeLoader with YAML 1.2's scalars: 1e-3 is a number, 010 is ten; `on`, `yes` and 12:30 stay text.
-
-    Tags and aliases are refused: files here need neither, and they are how YAML runs code and how a small file becomes
-    a huge one.
-    """
-
-    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        event: Any = self.peek_event()  # type: ignore[no-untyped-call]
-        if isinstance(event, yaml.AliasEvent):
-            raise _refused("aliases are not used here: write it out", event)
-        if getattr(event, "tag", None):
-            raise _refused(f"tags are not used here ({event.tag})", event)
-        return super().compose_node(parent, index)
-
-
-def _refused(problem: str, event: Any) -> yaml.MarkedYAMLError:
-    return yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)
-
-
-_Loader.yaml_implicit_resolvers = {}
-_Loader.add_implicit_resolver(_TAG + "null", re.compile(r"^(?:~|null|Null|NULL|)$"), ["~", "n", "N", ""])
-_Loader.add_implicit_resolver(_TAG + "int", re.compile(r"^[-+]?[0-9]{1,18}$"), list("-+0123456789"))
-_Loader.add_implicit_resolver(_TAG + "float", _FLOAT, list("-+.0123456789"))
-_Loader.add_implicit_resolver(_TAG + "bool", re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), list("tTfF"))
-_Loader.add_constructor(_TAG + "int", lambda _, node: int(node.value))
 
 
 class Strict(BaseModel):
@@ -64,11 +31,29 @@ class Strict(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class Document:
-    """A YAML file as plain data, with the line of every key and item."""
+    """A YAML file as plain data, with the line of every key and item; line 0: set on the command line."""
 
     path: Path
     data: dict[str, Any]
     lines: Mapping[Key, int]
+
+    def with_value(self, key: Key, value: object) -> Document:
+        """This document with a value from the command line (`--set`), which errors then blame.
+
+        Raises:
+            InputError: a part of the key holds a plain value.
+        """
+
+        def put(data: object, n: int) -> object:
+            if n == len(key):
+                return value
+            if not isinstance(data, dict):
+                raise InputError(f"'{dotted(key[:n])}' has no keys of its own", key=f"--set {dotted(key)}")
+            return data | {key[n]: put(data.get(key[n], {}), n + 1)}
+
+        lines = {k: line for k, line in self.lines.items() if k[: len(key)] != key}
+        lines |= {key[:n]: 0 for n in range(1, len(key) + 1) if key[:n] not in lines}
+        return Document(self.path, typing.cast("dict[str, Any]", put(self.data, 0)), lines)
 
     def line(self, key: Key) -> int | None:
         """Line of the value at ``key``, or of the nearest parent that stands in the file."""
@@ -77,8 +62,11 @@ class Document:
         return self.lines.get(key)
 
     def error(self, message: str, key: Key, *, found: object = None, allowed: typing.Iterable[str] = ()) -> InputError:
-        """An `InputError` that names this file, the key and its line."""
-        return InputError(message, file=self.path, line=self.line(key), key=dotted(key), found=found, allowed=allowed)
+        """An `InputError` that names this file, the key and its line, or the option that set it."""
+        line = self.line(key)
+        if line == 0:
+            return InputError(message, key=f"--set {dotted(key)}", found=found, allowed=allowed)
+        return InputError(message, file=self.path, line=line, key=dotted(key), found=found, allowed=allowed)
 
     def resolve(self, path: str, key: Key) -> Path:
         """A path written in this file: environment variables expanded, relative to the file's folder.
@@ -120,7 +108,7 @@ def read_document(path: Path | str) -> Document:
     except ValueError as error:
         raise InputError(f"the file cannot be read as UTF-8 text: {error}", file=path) from None
     try:
-        loader = _Loader(text)
+        loader = Loader(text)
         node = loader.get_single_node()
         if not isinstance(node, yaml.MappingNode):
             raise InputError("expected 'key: value' lines at the top of the file", file=path, line=1)
@@ -145,7 +133,7 @@ def _walk(node: yaml.Node, key: Key, lines: dict[Key, int], path: Path) -> None:
         for name, value in node.value:
             if not isinstance(name, yaml.ScalarNode):
                 raise InputError("a key must be a plain word", file=path, line=name.start_mark.line + 1)
-            name.tag = _TAG + "str"  # `1:` and `true:` are text as keys
+            name.tag = TAG + "str"  # `1:` and `true:` are text as keys
             inner, line = (*key, name.value), name.start_mark.line + 1
             if inner in lines:
                 message = f"this key stands here twice (first in line {lines[inner]})"
@@ -181,6 +169,14 @@ def _existing(document: Document, loc: Key) -> Key:
 
 
 _EXPECTED = {
+    "too_short": "expected at least {min_length} items",
+    "too_long": "expected at most {max_length} items",
+    "greater_than": "must be greater than {gt:g}",
+    "greater_than_equal": "must be at least {ge:g}",
+    "less_than": "must be less than {lt:g}",
+    "less_than_equal": "must be at most {le:g}",
+    "string_too_short": "nothing stands behind this key",
+    "string_pattern_mismatch": "not a name that can be used here (pattern {pattern})",
     "finite_number": "the number must be finite",
     "float_type": "expected a number, with neither unit nor quotes",
     "int_type": "expected a whole number",
@@ -216,7 +212,7 @@ def _explain(document: Document, model: type[BaseModel], problem: ErrorDetails, 
     elif isinstance(found, float) and math.isnan(found):
         message = "NaN is not a number that can be used"
     elif kind in _EXPECTED:
-        message = _EXPECTED[kind] if found is not None else "nothing stands behind this key"
+        message = _EXPECTED[kind].format(**context) if found is not None else "nothing stands behind this key"
     if isinstance(found, dict) or (isinstance(found, list) and any(isinstance(item, (dict, list)) for item in found)):
         found = None
     if more and kind != "extra_forbidden":
@@ -276,30 +272,8 @@ def _leaves(annotation: Any) -> list[Any]:
     return []
 
 
-class _Dumper(yaml.SafeDumper):
-    """SafeDumper that writes short lists in one line and numbers with all their digits."""
-
-    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002
-        return True
-
-
-def _represent_list(dumper: yaml.SafeDumper, data: typing.Sequence[Any]) -> yaml.Node:
-    flat = all(isinstance(item, (int, float, str)) for item in data)
-    return dumper.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=flat)
-
-
-def _represent_numpy(dumper: yaml.SafeDumper, data: np.generic) -> yaml.Node:
-    return dumper.represent_data(data.item())
-
-
-_Dumper.add_implicit_resolver(_TAG + "float", _FLOAT, list("-+.0123456789"))  # so that the string '1e-3' is quoted
-_Dumper.add_representer(list, _represent_list)
-_Dumper.add_representer(tuple, _represent_list)
-_Dumper.add_multi_representer(np.generic, _represent_numpy)  # type: ignore[type-abstract]
-
-
 def write_document(path: Path | str, data: Mapping[str, Any]) -> None:
     """Write a YAML mapping that `read_document` reads back to the same numbers."""
     Path(path).write_text(
-        yaml.dump(dict(data), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120), encoding="utf-8"
+        yaml.dump(dict(data), Dumper=Dumper, sort_keys=False, allow_unicode=True, width=120), encoding="utf-8"
     )

@@ -160,7 +160,11 @@ def _read_wide(table: Table, q: Array, expected: tuple[str, ...]) -> Dataset:
     for name in names:
         if name not in found:
             raise InputError(
-                "there are no columns for this point", file=table.path, line=table.head_line, found=name, allowed=found
+                "the file has no columns for this point of the measurement",
+                file=table.path,
+                line=table.head_line,
+                found=name,
+                allowed=found,
             )
     z = np.column_stack(
         [table.quantity(f"{n}_{c}", LENGTH, f"{c} of point '{n}'", empty=True) for n in names for c in "xyz"]
@@ -212,7 +216,8 @@ def _sigma(table: Table, blocks: list[tuple[str, ...]], units: Mapping[str, floa
     """Columns `sigma_x_mm`.. per component, or one `sigma_mm` (`sigma_rot_rad`) for all; None when there are none."""
     stems = table.stems()
     single = f"sigma_{suffix}" if suffix else "sigma"
-    wanted = [f"sigma_{c}" if f"sigma_{c}" in stems else single for components in blocks for c in components]
+    each = [f"sigma_{c}" for components in blocks for c in components]
+    wanted = each if any(stem in stems for stem in each) else [single] * len(each)
     if not any(stem in stems for stem in wanted):
         return None
     out = [table.quantity(stem, units, f"the measurement's {stem}") for stem in wanted]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from symcal.dataset import Dataset
@@ -10,7 +11,10 @@ from symcal.errors import RefusedError
 from symcal.estimation import Fit
 from symcal.model import Model, State
 from symcal.noise import known_sigma, spread_of
+from symcal.registration import LEVER
 from symcal.rows import rows_of
+
+Array = NDArray[np.float64]
 
 _OUTLIER = 1e-6  # probability that one good observation is called an outlier
 _ABSURD = 20.0  # scales: a correction larger than this is a mistake more often than a fact
@@ -20,27 +24,29 @@ def plausibility(data: Dataset, before: State) -> tuple[str, ...]:
     """What the nominal robot with fitted frames says about units, joint order and signs."""
     model = before.model
     r, _ = rows_of(model.measurement, data, before.setup, model.residual)(before.x)
-    group = model.measurement.groups[0]
-    position = r[:, list(group.columns)].reshape(-1, group.block)
-    measured = data.z[:, : len(group.columns)].reshape(-1, group.block)
+    position = r[:, list(model.measurement.groups[0].columns)].reshape(-1, 3)
+    measured = data.z[:, : position.size // len(data)].reshape(-1, 3)
     seen = np.isfinite(measured).all(axis=1)
-    error = float(np.sqrt(np.mean(np.sum(position[seen] ** 2, axis=1))))
-    spread = float(np.sqrt(np.mean(np.sum((measured[seen] - measured[seen].mean(axis=0)) ** 2, axis=1))))
-    predicted = measured + position
-    reach = float(np.sqrt(np.mean(np.sum((predicted[seen] - predicted[seen].mean(axis=0)) ** 2, axis=1))))
+    error, spread, reach = (
+        float(np.sqrt(np.mean(np.sum(values[seen] ** 2, axis=1))))
+        for values in (position, _about_centre(measured, seen), _about_centre(measured + position, seen))
+    )
     if reach > 1.0 and spread > 0 and not 1 / 30 < spread / reach < 30:
         raise RefusedError(
             f"the measured points spread over {spread:.3g} mm, the robot's over {reach:.3g} mm: the measurements are "
-            f"not in the unit "
-            "that their columns name"
+            "not in the unit that their columns name"
         )
-    if error > 0.1 * max(reach, 1e-9):
+    extent = max(reach, LEVER if model.task.kind == "pose" else 1.0)
+    if error > 0.1 * extent:
         return (
-            f"nominal kinematics with fitted frames is off by {error:.4g} {group.unit} rms, {error / reach:.0%} of the "
-            f"measured spread: check the "
-            "order, units and signs of the joint columns, and the robot file",
+            f"nominal kinematics with fitted frames is off by {error:.4g} mm rms, {error / extent:.0%} of the measured "
+            "spread: check the order, units and signs of the joint columns, and the robot file",
         )
     return ()
+
+
+def _about_centre(points: Array, seen: NDArray[np.bool_]) -> Array:
+    return np.asarray(points - points[seen].mean(axis=0))
 
 
 def quality(model: Model, data: Dataset, after: Fit) -> tuple[str, ...]:
@@ -48,8 +54,8 @@ def quality(model: Model, data: Dataset, after: Fit) -> tuple[str, ...]:
     if after.dof < 2 * after.identifiability.rank:
         notes.append(
             f"only {after.dof} degrees of freedom are left for {after.identifiability.rank} identified directions "
-            f"({len(data)} poses): the errors "
-            "on the training data say little about other poses; trust the held-out or cross-validated ones"
+            f"({len(data)} poses): the errors on the training data say little about other poses; trust the held-out or "
+            "cross-validated ones"
         )
     if not after.solution.status.converged:
         notes.append(f"the identification did not converge: {after.solution.message}")
@@ -57,9 +63,8 @@ def quality(model: Model, data: Dataset, after: Fit) -> tuple[str, ...]:
     if after.identifiability.released:
         notes.append(
             f"{after.identifiability.released} direction(s) that the data determine worse than their plausible scale "
-            f"were identified all the "
-            "same, because the data contradict the nominal value there: state larger 'scales', or look for the pose "
-            "that causes it"
+            "were identified all the same, because the data contradict the nominal value there: state larger 'scales', "
+            "or look for the pose that causes it"
         )
     errors = model.parameters.mapping(after.x)
     large = [
@@ -69,16 +74,15 @@ def quality(model: Model, data: Dataset, after: Fit) -> tuple[str, ...]:
     ]
     if large:
         notes.append(
-            f"corrections of {', '.join(large)} are more than 20 times their plausible scale: check signs, units and "
-            f"zero positions, or "
-            "give larger 'scales'"
+            f"corrections of {', '.join(large)} are more than {_ABSURD:.0f} times their plausible scale: check signs, "
+            "units and zero positions, or give larger 'scales'"
         )
     if not after.estimated and after.dof > 0:
         factor = float(np.sqrt(after.chi_squared / after.dof))
         if factor > 1.5 or factor < 0.67:
             notes.append(
                 f"residuals are {factor:.3g} times the stated noise: the noise is stated too "
-                f"{'small' if factor > 1 else 'large'}" + (", or the model lacks something" if factor > 1 else "")
+                + ("small, or the model lacks something" if factor > 1 else "large")
             )
     return tuple(notes)
 

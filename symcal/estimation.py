@@ -195,7 +195,7 @@ class _Whitened:
         """Residual (k,) and Jacobian (k, n) at x."""
         r, jacobian = self.rows(x)
         white = r.ravel()[self.keep] * self.inverse
-        slopes = jacobian.reshape(-1, len(x))[np.ix_(self.keep, self.index)] * self.inverse[:, None]
+        slopes = jacobian.reshape(r.size, len(x))[np.ix_(self.keep, self.index)] * self.inverse[:, None]
         if len(self.prior):
             white = np.concatenate([white, self.prior @ (x - self.prior_mean)[self.index]])
             slopes = np.vstack([slopes, self.prior])
@@ -254,7 +254,7 @@ def _prior_count(rows: Rows, free: tuple[str, ...]) -> int:
 def _check_redundancy(rows: Rows, jacobian: Array, free: tuple[str, ...], estimated: bool) -> None:
     parameters = rows.measurement.parameters
     index = parameters.indices(free)
-    stacked = jacobian.reshape(-1, len(parameters))[rows.seen.ravel()][:, index] * parameters.scales[index]
+    stacked = jacobian.reshape(rows.seen.size, len(parameters))[rows.seen.ravel()][:, index] * parameters.scales[index]
     equations = stacked.shape[0] + _prior_count(rows, free)
     _, _, _, rank = decompose(stacked, None)
     if equations <= rank and (estimated or equations < rank or rank == stacked.shape[0] < len(index)):

@@ -1,7 +1,8 @@
 """CSV files of measurements, in and out.
 
 One row per observation: `pose,q1_deg,...,point,x_mm,y_mm,z_mm` (position; or wide, `P1_x_mm,...`),
-`x_m,y_m,z_m,qx,qy,qz,qw` or `roll_deg,pitch_deg,yaw_deg` (pose). Optional `sigma_*` and `split` columns.
+`x_m,y_m,z_m,qx,qy,qz,qw` or `roll_deg,pitch_deg,yaw_deg` (pose), `pose,q1_deg,...,point,u_px,v_px` (pixels). Optional
+`sigma_*` and `split` columns.
 """
 
 from __future__ import annotations
@@ -23,9 +24,13 @@ from symcal.robot import Robot
 from symcal.split import Split as Split
 from symcal.split import splits
 from symcal.table import Table, joint_readings, read_table
-from symcal.units import ANGLE, LENGTH, split_unit
+from symcal.units import ANGLE, LENGTH, PIXEL, split_unit
 
 Array = NDArray[np.float64]
+
+_COMPONENTS: dict[Kind, tuple[str, ...]] = {"position": ("x", "y", "z"), "pixels": ("u", "v")}
+_UNITS: dict[Kind, Mapping[str, float]] = {"position": LENGTH, "pixels": PIXEL}
+"""Of an observed point."""
 
 
 def load_measurements(
@@ -42,7 +47,7 @@ def load_measurements(
     """Read a CSV file of measurements.
 
     Args:
-        point_names: the tool points expected (`position`); those of the file when empty.
+        point_names: the tool points expected (`position`, `pixels`); those of the file when empty.
         columns: canonical name -> name in the file. split: as the config says; a column called `split` is used when
             there is one.
     Raises:
@@ -63,7 +68,7 @@ def load_measurements(
     if kind == "pose":
         data = _read_pose(table, q)
     elif measured:
-        data, poses = _read_long(table, q, expected), _pose_keys(table, q)
+        data, poses = _read_long(table, q, kind, expected), _pose_keys(table, q)
     else:
         data = _read_wide(table, q, expected)
     data = replace(data, split=splits(table, poses, split), provenance=str(path))
@@ -75,6 +80,8 @@ def _measured_stems(table: Table, kind: Kind, expected: tuple[str, ...]) -> tupl
     stems = table.stems()
     if kind == "pose":
         return ("x", "y", "z", *(() if "qw" in stems or "qx" in stems else ("roll", "pitch", "yaw")))
+    if kind == "pixels":
+        return _COMPONENTS[kind]
     wide = _wide_points(table)
     return () if wide and ("x" not in stems or set(wide) & set(expected)) else ("x", "y", "z")
 
@@ -85,10 +92,10 @@ def _wide_points(table: Table) -> tuple[str, ...]:
 
 def _known_stems(table: Table, robot: Robot, split: Split) -> set[str]:
     """Every column stem that can mean something in this file."""
-    sigmas = {"sigma", "sigma_rot", *(f"sigma_{c}" for c in ("x", "y", "z", "rx", "ry", "rz"))}
+    sigmas = {"sigma", "sigma_rot", *(f"sigma_{c}" for c in ("x", "y", "z", "rx", "ry", "rz", "u", "v"))}
     wide = {f"{name}_{c}" for name in _wide_points(table) for c in "xyz"}
     joints = {name for i, joint in enumerate(robot.joints, start=1) for name in (f"q{i}", joint.name)}
-    measured = {"x", "y", "z", "qx", "qy", "qz", "qw", "roll", "pitch", "yaw"}
+    measured = {"x", "y", "z", "qx", "qy", "qz", "qw", "roll", "pitch", "yaw", "u", "v"}
     return {"pose", "point", split.column or "split"} | sigmas | wide | joints | measured
 
 
@@ -114,8 +121,9 @@ def _labels(table: Table, rows: NDArray[np.intp]) -> tuple[str, ...]:
     return tuple(str(i) for i in range(len(rows)))
 
 
-def _read_long(table: Table, q: Array, expected: tuple[str, ...]) -> Dataset:
-    names = expected
+def _read_long(table: Table, q: Array, kind: Kind, expected: tuple[str, ...]) -> Dataset:
+    names, components, units = expected, _COMPONENTS[kind], _UNITS[kind]
+    size = len(components)
     points = table.text("point") if "point" in table.columns else None
     if points is None:
         names = names or ("P",)
@@ -127,9 +135,9 @@ def _read_long(table: Table, q: Array, expected: tuple[str, ...]) -> Dataset:
     keys = _pose_keys(table, q)
     place = {key: i for i, key in enumerate(dict.fromkeys(keys))}
     firsts = _first_rows(table, q)
-    xyz = np.column_stack([table.quantity(c, LENGTH, f"the measured {c}") for c in "xyz"])
-    noise = _sigma(table, [("x", "y", "z")], LENGTH, "")
-    z = np.full((len(place), 3 * len(names)), np.nan)
+    values = np.column_stack([table.quantity(c, units, f"the measured {c}") for c in components])
+    noise = _sigma(table, [components], units, "")
+    z = np.full((len(place), size * len(names)), np.nan)
     sigma = np.full_like(z, np.nan)
     for row, (key, point) in enumerate(zip(keys, points, strict=True)):
         if point not in names:
@@ -145,13 +153,13 @@ def _read_long(table: Table, q: Array, expected: tuple[str, ...]) -> Dataset:
         if not np.allclose(q[row], q[firsts[i]], rtol=0, atol=1e-9):
             message = f"pose {key!r} has other joint readings here than in line {table.lines[firsts[i]]}"
             raise InputError(message, file=table.path, line=table.lines[row], column="pose")
-        if np.isfinite(z[i, 3 * k]):
+        if np.isfinite(z[i, size * k]):
             message = f"point '{point}' of pose '{key}' stands twice; give repeated measurements a pose of their own"
             raise InputError(message, file=table.path, line=table.lines[row], column="pose")
-        z[i, 3 * k : 3 * k + 3] = xyz[row]
+        z[i, size * k : size * (k + 1)] = values[row]
         if noise is not None:
-            sigma[i, 3 * k : 3 * k + 3] = noise[row]
-    return Dataset("position", q[firsts], z, _labels(table, firsts), (), names, None if noise is None else sigma)
+            sigma[i, size * k : size * (k + 1)] = noise[row]
+    return Dataset(kind, q[firsts], z, _labels(table, firsts), (), names, None if noise is None else sigma)
 
 
 def _read_wide(table: Table, q: Array, expected: tuple[str, ...]) -> Dataset:
@@ -233,23 +241,16 @@ def save_measurements(data: Dataset, robot: Robot, path: Path | str) -> None:
     head = ["pose", *(f"q{i}_{unit}" for i, unit in enumerate(units, start=1))]
     q = np.where([joint.revolute for joint in robot.joints], np.rad2deg(data.q), data.q)
     rows: list[list[object]] = []
-    if data.kind == "position":
-        head += ["point", "x_mm", "y_mm", "z_mm"]
+    if data.kind != "pose":
+        unit, components = ("px", "uv") if data.kind == "pixels" else ("mm", "xyz")
+        head += ["point", *(f"{c}_{unit}" for c in components)]
         for i in range(len(data)):
             for k, name in enumerate(data.point_names):
-                xyz = data.z[i, 3 * k : 3 * k + 3]
-                if np.isfinite(xyz).all():
-                    rows.append(
-                        [
-                            data.labels[i],
-                            *q[i],
-                            name,
-                            *xyz,
-                            *_sigma_cells(data, i, slice(3 * k, 3 * k + 3)),
-                            data.split[i],
-                        ]
-                    )
-        head += [] if data.sigma is None else [f"sigma_{c}_mm" for c in "xyz"]
+                own = slice(len(components) * k, len(components) * (k + 1))
+                if np.isfinite(data.z[i, own]).all():
+                    cells = [*data.z[i, own], *_sigma_cells(data, i, own)]
+                    rows.append([data.labels[i], *q[i], name, *cells, data.split[i]])
+        head += [] if data.sigma is None else [f"sigma_{c}_{unit}" for c in components]
     else:
         head += ["x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw"]
         rows = [

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -59,6 +61,31 @@ def existing(document: Document, path: str, key: Key, what: str) -> Path:
     if not resolved.is_file():
         raise document.error(f"the {what} is not there", key, found=resolved)
     return resolved
+
+
+_PATHS: tuple[tuple[str, ...], ...] = (
+    ("robot",),
+    ("data", "file"),
+    ("plan", "required"),
+    ("plan", "candidates"),
+    ("plan", "region", "file"),
+)
+
+
+def resolved(file: ExperimentFile, document: Document, folder: Path) -> dict[str, Any]:
+    """The experiment with all defaults filled in, as it can be run again from ``folder``.
+
+    Paths become relative to the folder; those with an environment variable stay as they are.
+    """
+    data: dict[str, Any] = file.model_dump(mode="json", by_alias=True, exclude_none=True)
+    for *parents, last in _PATHS:
+        node: Any = data
+        for part in parents:
+            node = node.get(part, {}) if isinstance(node, dict) else {}
+        path = node.get(last) if isinstance(node, dict) else None
+        if isinstance(path, str) and "$" not in path:
+            node[last] = os.path.relpath(document.resolve(path, (*parents, last)), folder.resolve())
+    return data
 
 
 def task_of(file: ExperimentFile, document: Document, robot: Robot) -> Task:

@@ -12,6 +12,7 @@ import pandas as pd
 
 from symcal import config, results
 from symcal.config import ExperimentFile, FileData, SimulatedData
+from symcal.credibility import claim
 from symcal.dataset import Dataset, with_random_test
 from symcal.documents import Document, write_document
 from symcal.errors import InputError, RefusedError
@@ -25,7 +26,7 @@ from symcal.planned import Planned, find_plan, plan_generator
 from symcal.planning.plan_file import write_plan
 from symcal.promised import promise_kept
 from symcal.robot import Robot, load_robot, save_robot
-from symcal.run_folder import run_folder, write_json
+from symcal.run_folder import require_replaceable, run_folder, write_json
 from symcal.simulate import Noise, concatenate, simulate
 from symcal.uncertainty import correlation
 
@@ -87,8 +88,9 @@ def run(
         the folder, and the content of its results.json.
     """
     experiment = load(path, seed=seed, overrides=overrides)
-    outcome = identify_experiment(experiment, data=data, progress=progress)
     target = out or Path("reports") / experiment.file.name
+    require_replaceable(target)
+    outcome = identify_experiment(experiment, data=data, progress=progress)
     with run_folder(target) as folder:
         write(outcome, folder, progress)
     return target, outcome.content
@@ -118,6 +120,7 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
             errors["cross_validation"] = cross_validate(experiment.model, used, experiment.options, count, rng)
         except RefusedError as error:
             notes.append(f"cross-validation was not possible: {error}")
+    notes += claim(errors)
     content = _content(
         experiment, measured, (experiment.document.path, experiment.robot_path, *inputs), calibration, errors, notes
     )
@@ -212,10 +215,6 @@ def _content(
     }
 
 
-# ------------------------------------------------------------------------------------------------------------- the
-# folder
-
-
 def write(outcome: Outcome, folder: Path, progress: Progress) -> None:
     """Everything a run leaves: numbers, tables, robot, measurements, figures, report."""
     experiment, calibration = outcome.experiment, outcome.calibration
@@ -225,7 +224,7 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> None:
     if outcome.planned is not None:
         motion = outcome.planned.motion if outcome.planned.timed else None
         write_plan(folder / "plan.csv", experiment.robot, outcome.planned.plan.poses, motion)
-    resolved = experiment.file.model_dump(mode="json", by_alias=True, exclude_none=True)
+    resolved = config.resolved(experiment.file, experiment.document, folder)
     write_document(folder / "experiment.resolved.yaml", resolved | {"seed": experiment.seed})
     (folder / "tables").mkdir()
     for name, table in tables(outcome).items():

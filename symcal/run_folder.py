@@ -34,6 +34,27 @@ CONTENT = frozenset(
 """Names that a run's folder may hold. A folder with anything else is not replaced: it is somebody's."""
 
 
+def require_replaceable(target: Path) -> None:
+    """Refuse early, before the work is done, what `run_folder` would not replace.
+
+    Raises:
+        RefusedError: the target is a file, a link, or a folder that holds more than a run's output.
+        InputError: the target cannot be read.
+    """
+    target = target.absolute()
+    if target.is_symlink() or (target.exists() and not target.is_dir()):
+        raise RefusedError(f"{target} is not a folder: nothing was written; choose another --out")
+    try:
+        strangers = sorted({p.name for p in target.iterdir()} - CONTENT) if target.is_dir() else []
+    except OSError as error:
+        raise InputError(f"the output folder cannot be read: {error.strerror}", file=target) from None
+    if strangers:
+        shown = ", ".join(strangers[:3]) + (", ..." if len(strangers) > 3 else "")
+        raise RefusedError(
+            f"{target} holds files that no run writes ({shown}): it is not replaced; choose another --out"
+        )
+
+
 @contextmanager
 def run_folder(target: Path) -> Iterator[Path]:
     """A fresh folder to write into; it becomes ``target`` when the block ends well, and vanishes when it does not.
@@ -42,15 +63,8 @@ def run_folder(target: Path) -> Iterator[Path]:
         RefusedError: the target is a file, or a folder that holds more than a run's output.
         InputError: the folder cannot be written.
     """
+    require_replaceable(target)
     target = target.absolute()
-    if target.is_symlink() or (target.exists() and not target.is_dir()):
-        raise RefusedError(f"{target} is not a folder: nothing was written")
-    strangers = sorted({p.name for p in target.iterdir()} - CONTENT) if target.is_dir() else []
-    if strangers:
-        raise RefusedError(
-            f"{target} holds files that no run writes ({', '.join(strangers[:3])}): it is not replaced; choose "
-            f"another --out"
-        )
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         fresh = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
@@ -60,6 +74,9 @@ def run_folder(target: Path) -> Iterator[Path]:
         yield fresh
         fresh.chmod(0o755)
         _swap(fresh, target)
+    except OSError as error:
+        message = f"the output folder cannot be written: {error.strerror or error}; what was there before is untouched"
+        raise InputError(message, file=target) from error
     finally:
         shutil.rmtree(fresh, ignore_errors=True)
 
@@ -68,15 +85,15 @@ def _swap(fresh: Path, target: Path) -> None:
     if not target.exists():
         fresh.rename(target)
         return
-    old = Path(tempfile.mkdtemp(prefix=f".{target.name}-old-", dir=target.parent))
-    target.rename(old / "old")
+    aside = Path(tempfile.mkdtemp(prefix=f".{target.name}-old-", dir=target.parent))
+    old = aside / "old"
     try:
+        target.rename(old)
         fresh.rename(target)
-    except OSError:
-        (old / "old").rename(target)
-        raise
-    finally:
-        shutil.rmtree(old, ignore_errors=True)
+    finally:  # also after an interrupt between the two
+        if old.exists() and not target.exists():
+            old.rename(target)
+        shutil.rmtree(aside, ignore_errors=True)
 
 
 def write_json(path: Path, data: Mapping[str, Any]) -> None:

@@ -115,7 +115,7 @@ class Table:
         """The error for a quantity that no column gives, with the columns that come closest."""
         expected = " or ".join(f"'{stem}_<unit>'" for stem in stems)
         near = [c for c in self.columns for stem in stems if c.lower().startswith(f"{stem.lower()}_")]
-        near = near or get_close_matches(stems[0], self.columns, n=1)
+        near = near or get_close_matches(stems[0], self.columns, n=1, cutoff=0.75)
         hint = f"; is it '{near[0]}'? then name it so, or map it under 'columns'" if near else ""
         message = f"there is no column for {what}: expected {expected} with a unit of {', '.join(kinds)}{hint}"
         return InputError(message, file=self.path, line=self.head_line, found=", ".join(self.columns))
@@ -142,7 +142,9 @@ def read_table(
         text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise InputError("there is no such file", file=path) from None
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
+        raise InputError(f"the file cannot be read: {error.strerror}", file=path) from None
+    except UnicodeDecodeError as error:
         raise InputError(f"the file cannot be read as UTF-8 text: {error}", file=path) from None
     lines = text.splitlines(keepends=True)
     content = [(i, line) for i, line in enumerate(lines, start=1) if line.strip() and not line.lstrip().startswith("#")]

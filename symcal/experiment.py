@@ -80,16 +80,23 @@ def run(
     seed: int | None = None,
     overrides: Sequence[str] = (),
     data: Path | None = None,
+    study: bool = True,
     progress: Progress = lambda _: None,
 ) -> tuple[Path, Mapping[str, Any]]:
     """Run an experiment and write its folder; `reports/<name>` below the current folder when ``out`` is None.
 
+    Args:
+        study: the whole study of an experiment that has one; False for a single identification.
     Returns:
         the folder, and the content of its results.json.
     """
     experiment = load(path, seed=seed, overrides=overrides)
     target = out or Path("reports") / experiment.file.name
     require_replaceable(target)
+    if experiment.file.study is not None and study:
+        from symcal.study_experiment import write_study
+
+        return target, write_study(experiment, target, progress)
     outcome = identify_experiment(experiment, data=data, progress=progress)
     with run_folder(target) as folder:
         write(outcome, folder, progress)

@@ -79,7 +79,7 @@ class SimulationOneConfig(Strict):
     factor: Annotated[float, Field(gt=1)] = 10.0
     iterations: _Count = 100
     position_error: _Positive = 1e-10
-    draws: Annotated[int, Field(ge=0)] = 200
+    draws: Annotated[int, Field(ge=0)] = 100
 
 
 class StudyConfig(Strict):
@@ -98,7 +98,7 @@ class StudyConfig(Strict):
     simulation_1: SimulationOneConfig = SimulationOneConfig()
     random_plans: Annotated[int, Field(ge=10)] = 2000
     repetitions: Annotated[int, Field(ge=10)] = 2000
-    unregularised: Annotated[int, Field(ge=10)] = 200
+    unregularised: Annotated[int, Field(ge=10)] = 60
     quick: bool = False
 
     def sized(self) -> StudyConfig:

@@ -13,16 +13,19 @@ from symcal.paper_study.repetitions import judge, measure
 from symcal.paper_study.results import Gauge, Setting, StudyPlan
 from symcal.paper_study.setting import target_measurement
 from symcal.paper_study.simulation_2 import unregularised
+from symcal.study_config import SimulationOneConfig
 
 Array = NDArray[np.float64]
 
 
-def gauge(setting: Setting, plan: StudyPlan, count: int, rng: np.random.Generator) -> Gauge:
+def gauge(
+    setting: Setting, plan: StudyPlan, count: int, solver: SimulationOneConfig, rng: np.random.Generator
+) -> Gauge:
     """Spectra at nominal and at the truth, and ``count`` repetitions by minimum norm, with priors, and with neither."""
     model, nominal = setting.model, np.zeros(len(setting.truth))
     data = measure(setting, plan.poses, count, rng)
     spread = {
-        "unregularised": np.array([unregularised(setting, plan.poses, z) for z in data]),
+        "unregularised": np.array([unregularised(setting, plan.poses, z, solver) for z in data]),
         "minimum_norm": fit_many(model, plan.poses, data, setting.sigma, "minimum_norm").x,
         "priors": fit_many(model, plan.poses, data, setting.sigma, "priors").x,
     }

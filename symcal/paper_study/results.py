@@ -171,9 +171,10 @@ class SimulationOne:
 class Identified:
     """Simulation II on one plan, one draw of the noise.
 
-    calibration: with minimum norm in unseen directions. unregularised: all parameters free, as the paper did; priors:
-    each error held near zero by its plausible size. Errors of these, shape (n,), and of the fits in mm at the test
-    poses, shape (T,): `measured` against noisy test data, `true` against truth.
+    calibration: with minimum norm in unseen directions. unregularised: all parameters free, by the paper's algorithm;
+    priors: each error held near zero by its plausible size; both as errors, shape (n,).
+    The rest are position errors at the test poses, shape (T,), mm: `measured` against noisy test data, `true` against
+    truth.
     """
 
     plan: str
@@ -249,7 +250,8 @@ class Study:
     """The whole study.
 
     problem, certified: the planning problem of the experiment, and its certified plan with all that a plan says.
-    data: what was measured in Simulation II, by plan. seconds: wall time of each part.
+    data: what was measured in Simulation II, by plan. published_true: errors against truth, shape (T,), mm, at our test
+    poses, of the robots of the paper's Tables V (`optimal`) and VI (`random`). seconds: wall time of each part.
     """
 
     setting: Setting
@@ -263,6 +265,7 @@ class Study:
     data: Mapping[str, Dataset]
     repetitions: Repetitions
     gauge: Gauge
+    published_true: Mapping[str, Array]
     seconds: Mapping[str, float]
 
     @property

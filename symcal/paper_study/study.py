@@ -21,7 +21,7 @@ from symcal.paper_study.repetitions import repeat
 from symcal.paper_study.results import Study
 from symcal.paper_study.setting import study_setting
 from symcal.paper_study.simulation_1 import simulation_1
-from symcal.paper_study.simulation_2 import simulation_2
+from symcal.paper_study.simulation_2 import published_errors, simulation_2
 from symcal.planned import plan_generator
 
 Progress = Callable[[str], None]
@@ -76,11 +76,11 @@ def _run(
     with stage("simulation_1", "Simulation I"):
         first = simulation_1(setting, plans, study.simulation_1, for_first)
     with stage("simulation_2", "Simulation II"):
-        second, data = simulation_2(setting, plans, options, for_second)
+        second, data = simulation_2(setting, plans, options, study.simulation_1, for_second)
     with stage("repetitions", f"Simulation II, {study.repetitions} times"):
         repetitions = repeat(setting, plans, study.repetitions, for_repeat)
     with stage("gauge", "unseen directions"):
-        unseen = gauge(setting, plans["certified"], study.unregularised, for_gauge)
+        unseen = gauge(setting, plans["certified"], study.unregularised, study.simulation_1, for_gauge)
     with stage("readings", "the paper's fitness in its several readings"):
         weights, main = weights_of(study.weights), reading_of(study)
         proof = certified[0].plan.certificate
@@ -97,5 +97,6 @@ def _run(
         data=data,
         repetitions=repetitions,
         gauge=unseen,
+        published_true=published_errors(setting),
         seconds=seconds,
     )

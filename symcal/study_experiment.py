@@ -1,0 +1,80 @@
+"""An experiment with a section `study`: the paper's study in, a run's folder out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from symcal import results
+from symcal.documents import write_document
+from symcal.experiment import Experiment
+from symcal.measurement_file import save_measurements
+from symcal.paper_study.content import study_content
+from symcal.paper_study.results import Study
+from symcal.paper_study.study import run_study
+from symcal.paper_study.tables import study_tables
+from symcal.planning.plan_file import write_plan, write_waypoints
+from symcal.robot import Robot, save_robot
+from symcal.run_folder import run_folder, write_json
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class StudyOutcome:
+    """A study with the experiment that asked for it, and the content of its results.json."""
+
+    experiment: Experiment
+    study: Study
+    content: Mapping[str, Any]
+
+
+def study_experiment(experiment: Experiment, progress: Progress = lambda _: None) -> StudyOutcome:
+    """Run the study of an experiment.
+
+    Raises:
+        RefusedError: the experiment is not one that the study can be made of.
+    """
+    file, document = experiment.file, experiment.document
+    study = run_study(file, document, experiment.model, experiment.options, experiment.seed, progress)
+    inputs = (document.path, experiment.robot_path, *study.problem.inputs)
+    head = results.header(file.name, file.title, experiment.seed, inputs, document.path.parent.resolve())
+    return StudyOutcome(experiment, study, {**head, **study_content(study)})
+
+
+def write_study(experiment: Experiment, target: Path, progress: Progress = lambda _: None) -> Mapping[str, Any]:
+    """Run the study and write its folder; the content of its results.json."""
+    outcome = study_experiment(experiment, progress)
+    with run_folder(target) as folder:
+        write(outcome, folder)
+    return outcome.content
+
+
+def write(outcome: StudyOutcome, folder: Path) -> None:
+    """Everything that the study leaves: numbers, tables, plans, the calibrated robot and its measurements."""
+    experiment, study = outcome.experiment, outcome.study
+    robot, tables = experiment.robot, folder / "tables"
+    write_json(folder / "results.json", outcome.content)
+    save_robot(_with_provenance(outcome), folder / "calibrated.yaml")
+    save_measurements(study.data["certified"], robot, folder / "measurements.csv")
+    write_plan(folder / "plan.csv", robot, study.plans["certified"].poses, study.plans["certified"].motion)
+    resolved = experiment.file.model_dump(mode="json", by_alias=True, exclude_none=True)
+    write_document(folder / "experiment.resolved.yaml", resolved | {"seed": experiment.seed})
+    tables.mkdir()
+    for name, table in study_tables(study).items():
+        table.to_csv(tables / f"{name}.csv", index=False)
+    for name, plan in study.plans.items():
+        write_plan(tables / f"plan_{name}.csv", robot, plan.poses, plan.motion)
+        write_waypoints(tables / f"waypoints_{name}.csv", robot, plan.motion)
+
+
+def _with_provenance(outcome: StudyOutcome) -> Robot:
+    """The robot that the certified plan's measurements identified."""
+    robot = outcome.study.simulation_2["certified"].calibration.robot
+    if robot.record is None:
+        return robot
+    keys = ("name", "seed", "versions", "inputs", "warnings", "accuracy", "against")
+    facts = {key: outcome.content[key] for key in keys}
+    return replace(robot, record=replace(robot.record, provenance=dict(robot.record.provenance) | facts))

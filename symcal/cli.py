@@ -69,7 +69,7 @@ def identify(
     quiet: Quiet = False,
 ) -> None:
     """Identify a robot from measurements."""
-    _identify(experiment, data, out, seed, set_, quiet)
+    _identify(experiment, data, out, seed, set_, quiet, study=False)
 
 
 @app.command()
@@ -205,14 +205,26 @@ def schema(
 
 
 def _identify(
-    experiment: Path, data: Path | None, out: Path | None, seed: int | None, overrides: list[str] | None, quiet: bool
+    experiment: Path,
+    data: Path | None,
+    out: Path | None,
+    seed: int | None,
+    overrides: list[str] | None,
+    quiet: bool,
+    *,
+    study: bool = True,
 ) -> None:
     from symcal import experiment as runs
 
     with _progress(quiet) as progress:
-        folder, content = runs.run(experiment, out, seed=seed, overrides=overrides or (), data=data, progress=progress)
+        folder, content = runs.run(
+            experiment, out, seed=seed, overrides=overrides or (), data=data, study=study, progress=progress
+        )
     if not quiet:
-        _print_accuracy(content)
+        if "simulation_2" in content:
+            _print_study(content)
+        else:
+            _print_accuracy(content)
         _console().print(f"written to {escape(str(folder))}")
 
 
@@ -230,6 +242,25 @@ def _progress(quiet: bool) -> Iterator[Callable[[str], None]]:
 def _console() -> Console:
     console = Console(soft_wrap=True)
     return console if console.is_terminal else Console(soft_wrap=True, width=160)
+
+
+def _print_study(content: Any) -> None:
+    console = _console()
+    one, two = content["simulation_1"], content["simulation_2"]
+    console.print(f"Simulation I: {one['position_error_mm'][-1]:.1e} mm after {one['iterations']} iterations")
+    columns = ("mean mm", "max mm", "true rms mm", "expected mm", "/ Cramer-Rao", "beats random")
+    table = Table("Simulation II, plan", *columns, box=None, pad_edge=False)
+    for name, plan in two["plans"].items():
+        again = plan["repetitions"]
+        numbers = [again[key]["median"] for key in ("measured_mean_mm", "measured_max_mm", "true_rms_mm")]
+        cells = [f"{value:.4f}" for value in (*numbers, plan["expected_rms_mm"], plan["true_rms_over_cramer_rao"])]
+        table.add_row(name, *cells, f"{plan['beats_random_expected']:.1%}")
+    for name, paper in two["paper"].items():
+        table.add_row(f"paper, {name}", f"{paper['after']['mean_mm']:.4f}", f"{paper['after']['max_mm']:.4f}")
+    console.print(table)
+    console.print(f"medians of {two['repetitions']} repetitions; mean and max against noisy measurement")
+    for warning in content["warnings"]:
+        console.print(f"[bold]warning:[/bold] {escape(warning)}")
 
 
 def _print_accuracy(content: Any) -> None:

@@ -20,6 +20,8 @@ class Dataset:
     q: joint readings, shape (N, dof), rad and mm. z: what the instrument gave, shape (N, nz); NaN where a point was
         not seen.
     sigma: standard deviation of every residual component, shape (N, m), mm, rad and px; NaN where the file gives none.
+    covariance: of the residual components of every pose, shape (N, m, m), where they are correlated: it then stands for
+        the noise instead of ``sigma``. Directions without variance are exact by construction and say nothing.
     labels: the pose's name in its source. split: `train`, `test` or `unused` per pose.
     """
 
@@ -32,6 +34,7 @@ class Dataset:
     sigma: Array | None = None
     provenance: str = ""
     notes: tuple[str, ...] = field(default=())
+    covariance: Array | None = None
 
     def __len__(self) -> int:
         return len(self.q)
@@ -46,6 +49,7 @@ class Dataset:
             labels=tuple(self.labels[i] for i in index),
             split=tuple(self.split[i] for i in index),
             sigma=None if self.sigma is None else self.sigma[index],
+            covariance=None if self.covariance is None else self.covariance[index],
         )
 
     def part(self, split: str) -> Dataset:

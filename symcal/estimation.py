@@ -101,6 +101,7 @@ def fit(
     Raises:
         RefusedError: fewer equations than unknowns that the data could see, or a model that gives no finite number.
     """
+    rows = rows.decorrelated()
     nothing = np.zeros(len(rows.measurement.parameters))
     reference = nothing if reference is None else reference
     prior_mean = nothing if prior_mean is None else prior_mean

@@ -99,7 +99,7 @@ def baseline_model(model: Model) -> Model | None:
     """The model whose frames are all estimated, for the baseline; None if that is the model itself."""
     tool: Part = "points" if "points" in model.task.estimate else "tool"
     estimate = frozenset[Part](("base" if model.task.scene is None else "camera", tool))
-    if model.task.estimate == estimate:
+    if model.task.estimate - {"intrinsics"} == estimate:  # those keep their calibrated values at nominal kinematics
         return None
     task = replace(model.task, estimate=estimate, fix=(), scales={}, priors={})
     return build_model(model.robot, task)

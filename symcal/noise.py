@@ -28,6 +28,8 @@ _HUBER_QUANTILE = 0.95  # of the block norm's chi distribution: where a residual
 
 def known_sigma(rows: Rows, stated: Mapping[str, float]) -> Array:
     """Known standard deviation of every component, shape (N, m); NaN where the data must tell."""
+    if rows.mixing is not None:
+        return np.ones((len(rows.data), rows.measurement.rows))
     known = np.full((len(rows.data), rows.measurement.rows), np.nan)
     for group in rows.measurement.groups:
         known[:, list(group.columns)] = stated.get(group.name, np.nan)

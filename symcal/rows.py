@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +13,16 @@ from symcal.measurements import Measurement, Setup
 
 Array = NDArray[np.float64]
 
+_NO_VARIANCE = 1e-13
+"""Variances below this share of a pose's largest are rounding of none at all."""
+
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Residuals of a dataset: x -> r (N, m) and J (N, m, n); components that were not measured are zero."""
+    """Residuals of a dataset: x -> r (N, m) and J (N, m, n); components that were not measured are zero.
+
+    mixing: whitening matrix of every pose, shape (N, m, m), applied to both; None where components stay as they are.
+    """
 
     measurement: Measurement
     data: Dataset
@@ -24,12 +30,27 @@ class Rows:
     kernel: BatchFunction
     z: Array
     seen: NDArray[np.bool_]
+    mixing: Array | None = None
 
     def __call__(self, x: Array) -> tuple[Array, Array]:
         r, jacobian = self.kernel(self.data.q, x, self.setup.vector, self.z)
+        if self.mixing is not None:
+            r, jacobian = np.einsum("nij,nj->ni", self.mixing, r), self.mixing @ jacobian
         if self.seen.all():
             return r, jacobian
         return np.where(self.seen, r, 0.0), np.where(self.seen[:, :, None], jacobian, 0.0)
+
+    def decorrelated(self) -> Rows:
+        """The rows in the principal axes of the data's covariance, of unit variance; as they are without one.
+
+        With C = U diag(c) U^T the rows are diag(c)^-1/2 U^T r; those without variance are left out as not measured.
+        """
+        if self.data.covariance is None:
+            return self
+        variance, axes = np.linalg.eigh(self.data.covariance)
+        kept = variance > _NO_VARIANCE * variance[:, -1:]
+        scale = np.where(kept, 1 / np.sqrt(np.where(kept, variance, 1.0)), 0.0)
+        return replace(self, mixing=scale[:, :, None] * axes.swapaxes(1, 2), seen=kept)
 
 
 def rows_of(measurement: Measurement, data: Dataset, setup: Setup, kernel: BatchFunction | None = None) -> Rows:

@@ -231,7 +231,7 @@ class PlanConfig(Strict):
 
     method: MethodName | None = None
     criterion: CriterionName | None = None
-    unmodelled: _NotNegative = 1.0
+    unmodelled: _NotNegative | None = None
     poses: _Count = 40
     area: dict[str, Annotated[list[float], Field(min_length=2, max_length=2)]] = {}
     noise: NominalNoise = NominalNoise()

@@ -38,17 +38,22 @@ from symcal.table import read_table
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
-_FIELD = 20000  # poses of the region for the map of predicted errors
+_FIELD = 40000  # poses of the region for the map of predicted errors
 _COUNTS = 11  # numbers of poses that are foretold
 _LARGEST = 2.5  # times the plan's own number
 
 
 @dataclass(frozen=True, slots=True)
 class ErrorField:
-    """Predicted rms position error over the task region: tool positions, shape (K, 3), and errors, shape (K,), mm."""
+    """Predicted rms position error over the task region.
+
+    tool: positions, shape (K, 3), and errors, shape (K,), mm, of poses dense at the limits too, where maxima are.
+    uniform: errors of the poses that are uniform over the region, mm.
+    """
 
     tool: Array
     errors: Array
+    uniform: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,19 +174,18 @@ def _counts(fewest: int, poses: int) -> list[int]:
     """Numbers of poses from the fewest that can do to beyond the plan's, evenly in ratio, the plan's own among them."""
     most = max(round(_LARGEST * poses), fewest + 1)
     spread = np.geomspace(fewest, most, _COUNTS).round().astype(int)
-    return sorted({*(int(n) for n in spread), max(poses, fewest)})
+    others = {int(n) for n in spread if abs(n - poses) > 0.1 * poses}
+    return sorted({*others, max(poses, fewest)})
 
 
 def _field(problem: PlanProblem, accuracy: Accuracy, planned: Planned, rng: np.random.Generator) -> ErrorField:
-    region = problem.region
-    poses = region.poses
+    region, total = problem.region, problem.info.total(planned.plan.poses)
+    parts = [region.poses]
     if region.area is not None:
-        poses = region.area.sample(rng, _FIELD)
-        if region.feasible is not None:
-            inside = poses[region.feasible(poses)]
-            poses = inside if len(inside) > len(region.poses) else region.poses
-    errors = accuracy.at(poses, problem.info.total(planned.plan.poses))
-    return ErrorField(problem.arm.motion(poses)[0], errors)
+        for made in (region.area.sample(rng, _FIELD), region.area.snapped(rng, _FIELD)):
+            parts.append(made if region.feasible is None else made[region.feasible(made)])
+    poses = np.concatenate(parts)
+    return ErrorField(problem.arm.motion(poses)[0], accuracy.at(poses, total), accuracy.at(region.poses, total))
 
 
 def write(outcome: PlanOutcome, folder: Path, progress: Progress) -> None:

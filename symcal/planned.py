@@ -87,6 +87,7 @@ def search(
     def told(seconds: float, value: float) -> None:
         progress(f"searching ({method}): {name} = {value:.6g} after {seconds:.1f} s")
 
+    guarded = {} if wanted.unmodelled is None else {"unmodelled": wanted.unmodelled}
     return select_poses(
         problem.info,
         wanted.poses,
@@ -94,7 +95,6 @@ def search(
         method=method,
         methods=search_methods(problem, wanted.genetic),
         criterion=wanted.criterion,
-        unmodelled=wanted.unmodelled,
         region=problem.region,
         feasible=problem.feasible,
         required=problem.required if required is None else required,
@@ -103,6 +103,7 @@ def search(
         sample=wanted.sample,
         random=random,
         progress=told,
+        **guarded,
     )
 
 

@@ -13,8 +13,9 @@ from typing import Any
 
 from symcal.errors import InputError
 from symcal.report.identification import identification_text
+from symcal.report.plan import plan_text
 
-TEXTS = {"identification": identification_text}
+TEXTS = {"identification": identification_text, "plan": plan_text}
 """The texts of each kind of report; its template has the same name."""
 
 

@@ -1,0 +1,87 @@
+"""Where the robot will be accurate: the predicted error over the task region."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.colors import Normalize
+from numpy.typing import NDArray
+from scipy.stats import binned_statistic_2d
+
+from symcal.plan_experiment import PlanOutcome
+from symcal.plots.style import INK, WIDE, Illustration, print_settings, settle, sheet
+from symcal.words import number
+
+Array = NDArray[np.float64]
+
+_CELLS = 40  # along the longer side of the region
+_DRAWN, _MARGIN = 116.0, 20.0  # width of both views together, height of labels and title, mm
+
+
+def error_map(outcome: PlanOutcome) -> Illustration:
+    """Largest predicted rms error of all sampled poses with the tool in a cell, from above and from the side."""
+    field, plan = outcome.field, outcome.planned.plan
+    base = outcome.problem.info.setup.base[:3, 3]
+    tool = outcome.problem.arm.motion(plan.poses)[0]
+    views = (
+        ("from above", "x / mm", "y / mm", field.tool[:, :2], tool[:, :2]),
+        (
+            "from the side",
+            "distance from\nthe z axis / mm",
+            "z / mm",
+            _side(field.tool, base),
+            _side(tool, base),
+        ),
+    )
+    cell = max(float(np.ptp(flat, axis=0).max()) for _, _, _, flat, _ in views) / _CELLS
+    panels = [_cells(flat, field.errors, cell) for _, _, _, flat, _ in views]
+    values = np.concatenate([grid[np.isfinite(grid)] for grid, _, _ in panels])
+    scale = Normalize(float(values.min()), float(values.max()))
+    with print_settings():
+        width, height = [float(np.ptp(x)) for _, x, _ in panels], max(float(np.ptp(y)) for _, _, y in panels)
+        figure = sheet(WIDE, float(np.clip(_MARGIN + height * _DRAWN / sum(width), 52.0, 120.0)))
+        rows: Any = figure.subplots(1, 2, width_ratios=width)
+        shown = None
+        for axes, (title, right, up, _, marks), (grid, x, y) in zip(rows, views, panels, strict=True):
+            shown = axes.pcolormesh(x, y, grid.T, norm=scale, cmap="cividis", rasterized=True)
+            axes.plot(
+                *marks.T,
+                linestyle="none",
+                marker="o",
+                markersize=2.6,
+                color=INK,
+                markerfacecolor="white",
+                clip_on=False,
+                zorder=3,
+            )
+            axes.set_aspect("equal")
+            axes.set(xlabel=right, ylabel=up)
+            axes.set_title(title)
+            axes.locator_params(nbins=6)
+        bar = figure.colorbar(shown, ax=list(rows), pad=0.015, aspect=24)
+        bar.set_label("predicted rms position error / mm")
+        bar.outline.set_visible(False)  # type: ignore[operator]
+    return Illustration(settle(figure), "error_map", "Predicted error over the region", _caption(outcome))
+
+
+def _side(points: Array, base: Array) -> Array:
+    return np.column_stack([np.hypot(points[:, 0] - base[0], points[:, 1] - base[1]), points[:, 2]])
+
+
+def _cells(flat: Array, errors: Array, cell: float) -> tuple[Array, Array, Array]:
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    edges = [a + cell * np.arange(int(np.ceil(max(b - a, cell) / cell)) + 1) for a, b in zip(low, high, strict=True)]
+    found = binned_statistic_2d(flat[:, 0], flat[:, 1], errors, statistic="max", bins=edges)
+    return np.asarray(found.statistic), edges[0], edges[1]
+
+
+def _caption(outcome: PlanOutcome) -> str:
+    foretold, errors = outcome.planned.plan.prediction, outcome.field.uniform
+    return (
+        "Predicted rms position error of the tool after an identification from these poses, from measurement noise alone: "
+        f"the largest of all of {len(outcome.field.errors)} sampled poses whose tool is in a cell. Rms over the region "
+        f"{number(foretold.mean_pose_rms_mm)} mm; largest, searched between the samples too, "
+        f"{number(foretold.worst_pose_rms_mm)} mm; 95 % of the poses are below {number(float(np.percentile(errors, 95)))} mm. "
+        "Circles: tool positions of the plan."
+    )

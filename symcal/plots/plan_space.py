@@ -1,0 +1,205 @@
+"""The plan in space: the arm, the poses that are measured, the way between them, and what stands around."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from symcal.plan_experiment import PlanOutcome
+from symcal.planning.camera_view import CameraView
+from symcal.plots.style import (
+    BLUE,
+    FAINT,
+    GREEN,
+    INK,
+    ORANGE,
+    RULE,
+    VERMILION,
+    WIDE,
+    Illustration,
+    print_settings,
+    settle,
+    sheet,
+)
+from symcal.words import fixed, plural
+
+Array = NDArray[np.float64]
+
+_ARMS = 6  # poses in which the whole arm is drawn
+_AXIS = 0.12  # length of the base's axes, of the scene's size
+_ZOOM = 1.06
+_UNDER = {"facecolor": "white", "edgecolor": "none", "pad": 0.4}
+_WAY = 40  # points per segment of the way that are drawn
+
+
+def plan_in_space(outcome: PlanOutcome) -> Illustration:
+    """Tool positions in driving order with the way between them, and the arm at the start and in a few of its poses."""
+    planned, arm = outcome.planned, outcome.problem.arm
+    poses = planned.plan.poses
+    tool = arm.motion(poses)[0]
+    bodies = arm.nodes(np.vstack([planned.start[None], poses[_apart(tool, _ARMS)]]))
+    with print_settings():
+        figure = sheet(WIDE, 104)
+        figure.set_layout_engine("none")  # it knows nothing of what a 3-D view leaves empty
+        axes: Any = figure.add_axes((0.0, -0.02, 1.0, 0.99), projection="3d", computed_zorder=False)
+        everything = [tool, bodies.reshape(-1, 3)]
+        for body in bodies[1:]:
+            axes.plot(*body.T, color=FAINT, linewidth=1.1, alpha=0.55, solid_joinstyle="round", zorder=2)
+        axes.plot(*bodies[0].T, color=INK, linewidth=2.2, solid_joinstyle="round", zorder=5)
+        axes.plot(*bodies[0].T, color="white", linewidth=0.7, solid_joinstyle="round", zorder=5.1)
+        _way(axes, outcome)
+        must = planned.required
+        axes.plot(*tool[~must].T, linestyle="none", marker="o", markersize=3.2, color=BLUE, zorder=6)
+        axes.plot(
+            *tool[must].T,
+            linestyle="none",
+            marker="s",
+            markersize=3.6,
+            color=VERMILION,
+            markerfacecolor="white",
+            zorder=6,
+        )
+        everything += _surroundings(axes, outcome)
+        low, high = _limits(np.vstack(everything))
+        _base(axes, outcome, _AXIS * float((high - low).max()))
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+        axes.set_box_aspect(high - low, zoom=_ZOOM)
+        axes.view_init(elev=18, azim=-64)
+        _dress(axes)
+        figure.legend(handles=_legend(outcome), loc="upper center", ncols=6, handlelength=2.2)
+    return Illustration(settle(figure), "plan_in_space", "The plan in space", _caption(outcome, tool))
+
+
+def _apart(points: Array, count: int) -> NDArray[np.intp]:
+    """Indices of points that are far from each other, the first the one farthest from the middle."""
+    chosen = [int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))]
+    while len(chosen) < min(count, len(points)):
+        distance = np.linalg.norm(points[:, None] - points[chosen][None], axis=2).min(axis=1)
+        chosen.append(int(np.argmax(distance)))
+    return np.array(chosen, dtype=np.intp)
+
+
+def _way(axes: Any, outcome: PlanOutcome) -> None:
+    for segment in outcome.planned.motion.segments:
+        shown = segment.waypoints[np.linspace(0, len(segment.waypoints) - 1, _WAY).astype(int)]
+        path = outcome.problem.arm.motion(shown)[0]
+        style: dict[str, Any] = {"color": BLUE, "linewidth": 0.6, "alpha": 0.9}
+        if segment.kind == "joint":
+            style = {"color": ORANGE, "linewidth": 0.6, "linestyle": (0, (3, 1.5)), "alpha": 0.9}
+        axes.plot(*path.T, zorder=3, **style)
+
+
+def _surroundings(axes: Any, outcome: PlanOutcome) -> list[Array]:
+    """Camera and keep-out boxes; returns their corners."""
+    corners = []
+    if outcome.problem.view is not None:
+        corners.append(_frustum(axes, outcome.problem.view, outcome.problem.arm.motion(outcome.planned.plan.poses)[0]))
+    for box in outcome.experiment.file.plan.constraints.keep_out:
+        from symcal.robot_schema import Frame
+
+        units = outcome.experiment.file.units
+        frame = Frame(xyz=box.xyz, rpy=box.rpy).matrix(units.factor("mm"), units.factor("rad"))
+        half = np.array(box.size) * units.factor("mm") / 2
+        signs = np.array(list(itertools.product((-1, 1), repeat=3)))
+        cube = (signs * half) @ frame[:3, :3].T + frame[:3, 3]
+        for i, j in itertools.combinations(range(8), 2):
+            if np.sum(signs[i] != signs[j]) == 1:
+                axes.plot(*cube[[i, j]].T, color=VERMILION, linewidth=0.8, zorder=4)
+        corners.append(cube)
+    return corners
+
+
+def _frustum(axes: Any, view: CameraView, seen: Array) -> Array:
+    """The camera's field of view out to the nearest measured target."""
+    camera, T = view.camera, view.T_world_camera
+    depth = 0.35 * float(((seen - T[:3, 3]) @ T[:3, 2]).min())
+    u, v = np.array([0, camera.width, camera.width, 0]) - 0.5, np.array([0, 0, camera.height, camera.height]) - 0.5
+    rays = np.column_stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(4)])
+    corners = depth * rays @ T[:3, :3].T + T[:3, 3]
+    for corner in corners:
+        axes.plot(*np.array([T[:3, 3], corner]).T, color=GREEN, linewidth=0.8, zorder=4)
+    axes.plot(*np.vstack([corners, corners[:1]]).T, color=GREEN, linewidth=1.0, zorder=4)
+    axes.plot(*T[:3, 3], marker="s", markersize=4, color=GREEN, zorder=5)
+    return np.vstack([corners, T[:3, 3]])
+
+
+def _base(axes: Any, outcome: PlanOutcome, length: float) -> None:
+    frame = outcome.problem.info.setup.base
+    for i, name in enumerate("xyz"):
+        end = frame[:3, 3] + length * frame[:3, i]
+        axes.plot(*np.array([frame[:3, 3], end]).T, color=INK, linewidth=1.0, zorder=6)
+        axes.text(
+            *(frame[:3, 3] + 1.25 * length * frame[:3, i]),
+            name,
+            fontsize=6.5,
+            ha="center",
+            va="center",
+            zorder=7,
+            bbox=_UNDER,
+        )
+
+
+def _limits(points: Array) -> tuple[Array, Array]:
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.03 * float((high - low).max())
+    return low - margin, high + margin
+
+
+def _dress(axes: Any) -> None:
+    for axis, name in ((axes.xaxis, "x"), (axes.yaxis, "y"), (axes.zaxis, "z")):
+        axis.set_pane_color((1, 1, 1, 0))
+        axis._axinfo["grid"].update(color=RULE, linewidth=0.4)
+        axis.line.set_color(FAINT)
+        axis.set_label_text(f"{name} / mm")
+        axis.set_tick_params(pad=-1)
+        axis.labelpad = 2
+    for name in "xyz":
+        axes.locator_params(axis=name, nbins=5)
+
+
+def _legend(outcome: PlanOutcome) -> list[Line2D]:
+    kinds = outcome.planned.motion.kinds
+    handles = [Line2D([], [], linestyle="none", marker="o", markersize=3.2, color=BLUE, label="pose to measure")]
+    if outcome.planned.required.any():
+        handles.append(
+            Line2D(
+                [],
+                [],
+                linestyle="none",
+                marker="s",
+                markersize=3.6,
+                color=VERMILION,
+                markerfacecolor="white",
+                label="required",
+            )
+        )
+    if "line" in kinds:
+        handles.append(Line2D([], [], color=BLUE, linewidth=0.8, label="straight line of the tool"))
+    if "joint" in kinds:
+        handles.append(Line2D([], [], color=ORANGE, linewidth=0.8, linestyle=(0, (3, 1.5)), label="joint motion"))
+    handles.append(Line2D([], [], color=INK, linewidth=2.2, label="arm at the start"))
+    if outcome.problem.view is not None:
+        handles.append(Line2D([], [], color=GREEN, linewidth=1.0, label="camera"))
+    return handles
+
+
+def _caption(outcome: PlanOutcome, tool: Array) -> str:
+    kinds = outcome.planned.motion.kinds
+    size = tool.max(axis=0) - tool.min(axis=0)
+    text = (
+        f"{plural(len(tool), 'pose')} of the tool in the world frame, joined in driving order from the start; the arm is "
+        f"drawn at the start and, in grey, in {min(_ARMS, len(tool))} of its poses, the letters mark its base frame. The tool "
+        f"moves straight in {kinds.count('line')} of {plural(len(kinds), 'segment')}. Its positions span "
+        f"{' × '.join(fixed(float(s), 0) for s in size)} mm."
+    )
+    where, count = np.unique(tool.round(3), axis=0, return_counts=True)
+    if len(where) < len(tool):
+        text += (
+            f" Several poses put the tool in the same place: there are {len(where)} places, one of them with "
+            f"{int(count.max())} poses."
+        )
+    return text

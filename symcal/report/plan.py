@@ -1,0 +1,191 @@
+"""The report of a plan as text: results in, strings for the template out.
+
+Nothing is computed here but units and rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from symcal.report.plan_verdict import percent, plan_verdict
+from symcal.words import listed, number, plural
+
+Content = Mapping[str, Any]
+
+_METHODS = {
+    "certified": "exchange, refinement, and both again with the poses of an optimal design",
+    "combined": "exchange over a sample of poses, then refinement with exact derivatives",
+    "exchange": "greedy choice and exchange over a sample of poses",
+    "refine": "random plans refined with exact derivatives",
+    "genetic": "genetic algorithm on whole plans",
+    "random": "poses at random",
+}
+_CRITERIA = {
+    "D": "D: determinant of the information (product of all precisions)",
+    "A": "A: sum of the variances of the scaled parameters",
+    "E": "E: variance of the worst seen direction",
+    "cond": "condition number of the scaled Jacobian",
+    "I": "I: mean predicted error over the region",
+    "G": "G: largest predicted error over the region",
+    "J": "J: predicted error over the region from noise and from errors that the model lacks",
+}
+
+
+def plan_text(content: Content) -> dict[str, Any]:
+    """Everything that the template `plan` prints, by section.
+
+    Args:
+        content: the results dictionary (results.json) of a plan.
+    """
+    return {
+        "title": content.get("title") or content["name"],
+        "subtitle": _subtitle(content),
+        "version": content["versions"].get("symcal", ""),
+        "verdict": plan_verdict(content),
+        "warnings": list(content["warnings"]),
+        "comparison": _comparison(content),
+        "proof": _proof(content),
+        "unseen": [entry["text"].replace("-", "\N{MINUS SIGN}") for entry in content["identifiability"]["unseen"]],
+        "needed": _needed(content),
+        "methods": _methods(content),
+        "constraints": _constraints(content),
+        "way": _way(content),
+        "facts": _facts(content),
+        "inputs": [[path, digest] for path, digest in content["inputs"].items()],
+    }
+
+
+def _subtitle(content: Content) -> str:
+    robot, measurement = content["robot"], content["measurement"]
+    points = measurement["points"]
+    of_points = f" of {plural(len(points), 'point')}" if len(points) > 1 else ""
+    unknown = f", {listed(measurement['estimate'])} unknown" if measurement["estimate"] else ""
+    return (
+        f"{robot['name']}: {plural(robot['dof'], 'joint')}, {robot['convention']} link convention. "
+        f"A plan for {measurement['type']} measurements{of_points}{unknown}."
+    )
+
+
+def _comparison(content: Content) -> dict[str, Any]:
+    plan, random = content["plan"], content["plan"]["random"]
+    rows = [
+        ("D-efficiency, at least", "d_efficiency_lower_bound", percent),
+        ("worst-pose (G) efficiency", "g_efficiency", percent),
+        ("rms over the region / mm", "mean_pose_rms_mm", number),
+        ("at its worst pose / mm", "worst_pose_rms_mm", number),
+    ]
+    own = plan["criterion_efficiency_lower_bound"]
+    made: list[list[str]] = []
+    for label, key, shown in rows:
+        cells = [shown(plan[key])]
+        if random is not None:
+            cells.append("–" if random[key] is None else shown(random[key]))
+        made.append([label, *cells])
+    if plan["criterion"] not in ("D", "O1"):
+        cells = ["none known" if own is None else percent(own), *(["–"] if random is not None else [])]
+        made.insert(0, [f"efficiency by criterion {plan['criterion']}, at least", *cells])
+    head = [f"this plan, {plural(plan['poses'], 'pose')}"]
+    if random is not None:
+        head.append(f"median of {random['plans']} random plans")
+    return {"head": head, "rows": made}
+
+
+def _proof(content: Content) -> str:
+    plan, seen = content["plan"], content["identifiability"]
+    proof = plan["certificate"]
+    how = (
+        f"over all {proof['searched']} candidates, which are the whole set"
+        if proof["exhaustive"]
+        else f"searched over {proof['searched']} sampled poses, limits and corners among them, and polished with exact "
+        "derivatives: proven up to what such a search misses"
+    )
+    text = (
+        "The D-efficiency compares the information of the plan, as a geometric mean over all directions, with an upper bound "
+        "for any plan, by the equivalence theorem of optimal design: a plan with half the efficiency needs twice the poses "
+        f"for the same precision. The maximum behind the bound is {how}. The worst-pose efficiency is another figure: how "
+        "near the largest predicted error over the feasible poses is to the smallest possible one. "
+        f"The plan speaks about {plan['rank']} of {plural(seen['parameters'], 'parameter direction')}"
+    )
+    hidden = seen["parameters"] - seen["rank"]
+    if not hidden:
+        return text + ": all of them."
+    return text + (
+        f"; {hidden} cannot be seen by any plan of this measurement at this noise, and an identification will leave "
+        f"{'it' if hidden == 1 else 'them'} at nominal:"
+    )
+
+
+def _needed(content: Content) -> list[list[str]]:
+    promise = content["promise"]
+    if promise is None:
+        return []
+    return [
+        [
+            f"{entry['accuracy_mm']:g} mm {'rms' if entry['figure'] == 'mean' else 'at the worst pose'}",
+            str(entry["poses"]),
+            str(entry["at_least"]),
+            str(entry["random"]) if entry["random"] else "–",
+        ]
+        for entry in promise["needed"]
+    ]
+
+
+def _methods(content: Content) -> list[list[str]]:
+    if len(content["methods"]) < 2:
+        return []
+    return [
+        [
+            name,
+            percent(facts["d_efficiency_lower_bound"]),
+            percent(facts["g_efficiency"]),
+            number(facts["mean_pose_rms_mm"]),
+            number(facts["worst_pose_rms_mm"]),
+            number(facts["search_seconds"], 2),
+        ]
+        for name, facts in content["methods"].items()
+    ]
+
+
+def _constraints(content: Content) -> list[list[str]]:
+    shares = content["constraints"]
+    rows = [[name, percent(share)] for name, share in shares["feasible_share_of_each_alone"].items()]
+    return [*rows, ["all together", percent(shares["feasible_share"])]] if rows else []
+
+
+def _way(content: Content) -> str:
+    order = content["order"]
+    segments = order["segments"]
+    text = (
+        "The poses stand in the order of a short tour in joint time (nearest neighbour, then exchanges until none helps; not "
+        "proven shortest). The tool moves straight wherever the arm can follow within its limits: in "
+        f"{segments['line']} of {sum(segments.values())} segments."
+    )
+    if order["no_line_because"]:
+        reasons = [f"{why} ({count})" for why, count in order["no_line_because"].items()]
+        text += f" In the others the joints move linearly because {listed(reasons)}."
+    if order["time_s"] is not None:
+        text += f" Motion at full joint speeds, without acceleration and measuring, takes {order['time_s']:.0f} s."
+    if order["required"]:
+        text += f" Required: pose {listed([str(name) for name in order['required']])}."
+    return text
+
+
+def _facts(content: Content) -> list[list[str]]:
+    plan = content["plan"]
+    noise = [f"{number(plan['noise_sigma_mm'])} mm per axis of position"] if plan["noise_sigma_mm"] else []
+    if plan["noise_sigma_deg"]:
+        noise.append(f"{number(plan['noise_sigma_deg'])} deg per axis of orientation")
+    facts = [
+        ["method", f"{plan['method']}: {_METHODS[plan['method']]}"],
+        ["criterion", _CRITERIA.get(plan["criterion"], f"observability index {plan['criterion']}")],
+        ["noise planned with", f"standard deviation {listed(noise)}"],
+        ["search", f"{number(plan['search_seconds'], 2)} s with the certificate"],
+    ]
+    if content["candidates"]:
+        facts.append(["candidates", f"{content['candidates']} poses to choose from"])
+    if content["constraints"]["distance"]:
+        facts.append(["distance", f"{content['constraints']['distance']:g} of the working area between any two poses"])
+    facts.append(["random seed", str(content["seed"])])
+    facts.append(["versions", ", ".join(f"{name} {version}" for name, version in content["versions"].items())])
+    return facts

@@ -18,15 +18,15 @@ Array = NDArray[np.float64]
 
 _OUTLIER = 1e-6  # probability that one good observation is called an outlier
 _ABSURD = 20.0  # scales: a correction larger than this is a mistake more often than a fact
+_NONSENSE = 0.1  # of the robot's length
+_NONSENSE_TURN = np.deg2rad(20.0)
 
 
 def plausibility(data: Dataset, before: State) -> tuple[str, ...]:
     """What the nominal robot with fitted frames says about units, joint order and signs."""
     model = before.model
     r, _ = rows_of(model.measurement, data, before.setup, model.residual)(before.x)
-    position = r[:, list(model.measurement.groups[0].columns)].reshape(-1, 3)
-    measured = data.z[:, : position.size // len(data)].reshape(-1, 3)
-    seen = np.isfinite(measured).all(axis=1)
+    position, measured, seen = _positions(model, data, r)
     error, spread, reach = (
         float(np.sqrt(np.mean(np.sum(values[seen] ** 2, axis=1))))
         for values in (position, _about_centre(measured, seen), _about_centre(measured + position, seen))
@@ -45,11 +45,24 @@ def plausibility(data: Dataset, before: State) -> tuple[str, ...]:
     return ()
 
 
+def _positions(model: Model, data: Dataset, r: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Residuals and measurements of positions, shape (k, 3) each, mm, and which were seen."""
+    position = r[:, list(model.measurement.groups[0].columns)].reshape(-1, 3)
+    measured = data.z[:, : position.size // len(data)].reshape(-1, 3)
+    return position, measured, np.asarray(np.isfinite(measured).all(axis=1))
+
+
 def _about_centre(points: Array, seen: NDArray[np.bool_]) -> Array:
     return np.asarray(points - points[seen].mean(axis=0))
 
 
 def quality(model: Model, data: Dataset, after: Fit) -> tuple[str, ...]:
+    """What the identification says about itself.
+
+    Raises:
+        RefusedError: the identified model does not explain the measurements at all.
+    """
+    _refuse_nonsense(model, data, after)
     notes = []
     if after.dof < 2 * after.identifiability.rank:
         notes.append(
@@ -85,6 +98,38 @@ def quality(model: Model, data: Dataset, after: Fit) -> tuple[str, ...]:
                 + ("small, or the model lacks something" if factor > 1 else "large")
             )
     return tuple(notes)
+
+
+def _refuse_nonsense(model: Model, data: Dataset, after: Fit) -> None:
+    """Wrong units, signs and joint order leave errors of the robot's own size; medians, so that a slip is no reason."""
+    if model.task.kind not in ("position", "pose"):
+        return
+    r, _ = rows_of(model.measurement, data, after.setup, model.residual)(after.x)
+    position, measured, seen = _positions(model, data, r)
+    error = float(np.median(np.linalg.norm(position[seen], axis=1)))
+    spread = float(np.median(np.linalg.norm(_about_centre(measured, seen)[seen], axis=1)))
+    wrong = []
+    if error > _NONSENSE * _size(model, data) and error > spread / 4:
+        wrong.append(f"{error:.4g} mm (the measured points spread over {spread:.4g} mm)")
+    if model.task.kind == "pose":
+        turn = float(np.median(np.linalg.norm(r[:, list(model.measurement.groups[1].columns)], axis=1)))
+        if turn > _NONSENSE_TURN:
+            wrong.append(f"{np.rad2deg(turn):.3g} deg")
+    if not wrong:
+        return
+    pose = ", the order x, y, z, w of the quaternion, 'invert'" if model.task.kind == "pose" else ""
+    raise RefusedError(
+        f"even after the identification half of the poses are off by more than {' and '.join(wrong)}: these are not "
+        f"measurements of this robot as it is described; check units, signs and order of the joint columns, the unit "
+        f"of the measurement{pose}, and the robot file" + "".join(f"; {note}" for note in data.notes[:3])
+    )
+
+
+def _size(model: Model, data: Dataset) -> float:
+    """The nominal robot's length: links, strokes in these data, tool; mm."""
+    lengths = [abs(v) for link in model.robot.links for kind, v in link.parameters.items() if kind in ("a", "d")]
+    strokes = [np.ptp(data.q[:, i]) for i, joint in enumerate(model.robot.joints) if not joint.revolute]
+    return float(sum(lengths) + sum(strokes) + np.linalg.norm(model.robot.tool[:3, 3]))
 
 
 def _outliers(model: Model, data: Dataset, after: Fit) -> list[str]:

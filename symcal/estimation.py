@@ -5,8 +5,7 @@ For given noise sigmas the estimate is
     x = x_ref + S V_1 y,        min_y |Sigma^-1/2 r(x)|^2
 
 with W = Sigma^-1/2 J S = U diag(s) V^T and V_1 the directions with s > 1: what the data cannot see stays at x_ref.
-Unknown sigmas are variance
-components, one per noise group: sigma_g^2 = |r_g|^2 / (m_g - tr H_gg), iterated to a fixed point ([Koch1999] sec. 3.6).
+Subspace, estimate and unknown sigmas (see `symcal.noise`) are found in turn until none of them moves.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ _ROUGH = 1e-10  # relative change of the cost that ends a minimisation whose noi
 class Options:
     """How to fit.
 
-    Sigma: known noise per group (mm, rad), estimated where absent. prior rows come from the parameters' prior sigmas.
+    sigma: known noise per group (mm, rad), estimated where absent. Prior rows come from the parameters' prior sigmas.
     """
 
     solver: SolverName = "levenberg_marquardt"
@@ -263,6 +262,6 @@ def _check_redundancy(rows: Rows, jacobian: Array, free: tuple[str, ...], estima
         wanted = len(rows.data) + (rank + 1 - equations + per_pose) // per_pose
         raise RefusedError(
             f"{len(rows.data)} poses give {equations} equations for at least {rank} unknowns: nothing would be left "
-            f"to judge the "
-            f"fit by; measure at least {wanted} poses (three times as many are sensible), or hold parameters with 'fix'"
+            f"to judge the fit by; measure at least {wanted} poses (three times as many are sensible), or hold "
+            "parameters with 'fix'"
         )

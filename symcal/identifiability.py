@@ -1,9 +1,8 @@
 """What the data can see: rank of the scaled Jacobian, its whole spectrum, and the unseen directions in words.
 
 The Jacobian is whitened by the noise and scaled by the plausible size of each parameter's error, W = Sigma^-1/2 J S.
-A direction is
-identifiable when the data determine it better than its plausible scale: singular value above 1. Without noise the
-    numerical rank decides.
+A direction is identifiable when the data determine it better than its plausible scale: singular value above 1. Without
+noise the numerical rank decides.
 """
 
 from __future__ import annotations
@@ -25,6 +24,7 @@ RELEASE_SIGMAS = 4.0
 RELEASE_LIMIT = 20.0
 
 _NEGLIGIBLE = 0.03  # share of a direction below which a parameter is not named in words
+_DISTINCT = 0.2  # share of a direction outside of all others that makes it a different one
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,12 +43,10 @@ class Direction:
 class Identifiability:
     """Spectrum and subspaces of W = Sigma^-1/2 J S, in the scaled coordinates of the free parameters.
 
-    names: the free parameters, n of them. singular_values: shape (n,), descending. rank: directions determined at
-        the noise;
-    numerical_rank: directions that the noise-free Jacobian sees. seen (n, rank) and hidden (n, n - rank):
-        orthonormal bases;
-    seen_values: singular values of the seen ones, shape (rank,). released: how many of them are seen only because
-        the data contradict nominal there.
+    names: the free parameters, n of them. singular_values: shape (n,), descending.
+    rank: directions determined at the noise; numerical_rank: directions that the noise-free Jacobian sees.
+    seen (n, rank) and hidden (n, n - rank): orthonormal bases; seen_values: singular values of the seen ones, (rank,).
+    released: how many of them are seen only because the data contradict nominal there.
     """
 
     names: tuple[str, ...]
@@ -68,10 +66,7 @@ class Identifiability:
         return float(self.seen_values[0] / self.seen_values[-1]) if self.rank else float("inf")
 
     def unseen(self) -> tuple[Direction, ...]:
-        """A sparse basis of the hidden subspace.
-
-        Each vector with its sentence (some tenths of a second for forty parameters).
-        """
+        """A sparse basis of the hidden subspace, each vector with its sentence; a tenth of a second or so."""
         return _directions(self.hidden, self.names, self.scales, self.units)
 
 
@@ -141,11 +136,10 @@ def released_directions(
 ) -> NDArray[np.intp]:
     """Directions below the threshold whose nominal value the data refute.
 
-    Along singular direction k the data imply y_k = u_k^T (W y - r) / s_k with standard deviation 1 / s_k. Where that
-    is more than
-    RELEASE_SIGMAS from nominal, the plausible scale was stated too small and holding the direction would bias all
-    others; it is released unless the
-    value itself is absurd (above RELEASE_LIMIT scales: then it is the model that is wrong). Ours.
+    Along singular direction k the data imply y_k = u_k^T (W y - r) / s_k with standard deviation 1 / s_k. Where that is
+    more than RELEASE_SIGMAS from nominal, the plausible scale was stated too small and holding the direction would bias
+    all others; it is released unless the value itself is absurd (above RELEASE_LIMIT scales: then it is the model that
+    is wrong). Ours.
     """
     if implied is None:
         return np.zeros(0, dtype=np.intp)
@@ -174,8 +168,7 @@ def sparse_basis(subspace: Array) -> list[Array]:
     """A basis of span(subspace) whose vectors have few entries, so that they can be read; unit vectors, shape (n,).
 
     For each coordinate the vector of least 1-norm with a one there is found by linear programming; the sparsest
-    independent ones are kept.
-    Ours; the 1-norm is the usual convex stand-in for the number of entries.
+    independent ones are kept. Ours; the 1-norm is the usual convex stand-in for the number of entries.
     """
     n, k = subspace.shape
     if k == 0:
@@ -190,14 +183,15 @@ def sparse_basis(subspace: Array) -> list[Array]:
         if solution.status == 0:
             vector = subspace @ np.asarray(solution.x)[:k]
             candidates.append(vector / np.linalg.norm(vector))
-    candidates += list(subspace.T)  # completes the basis whatever the programming gave
     candidates.sort(key=lambda v: (int(np.sum(np.abs(v) > _NEGLIGIBLE * np.abs(v).max())), float(np.abs(v).sum())))
     chosen: list[Array] = []
-    for vector in candidates:
-        if np.linalg.svd(np.array([*chosen, vector]), compute_uv=False)[-1] > 1e-2:
-            chosen.append(vector)
-        if len(chosen) == k:
-            break
+    span = np.zeros((n, 0))
+    for vector, new in [(v, _DISTINCT) for v in candidates] + [(v, 1e-6) for v in subspace.T]:
+        rest = vector - span @ (span.T @ vector)
+        if np.linalg.norm(rest) > new:
+            # what the programming did not reach, a dense vector completes
+            chosen.append(vector if new == _DISTINCT else rest / np.linalg.norm(rest))
+            span = np.linalg.qr(np.array(chosen).T)[0]
     return chosen
 
 

@@ -2,8 +2,7 @@
 
 On the identifiable subspace C = S V_1 diag(1 / s^2) V_1^T S, with W = Sigma^-1/2 J S = U diag(s) V^T; this is the
 Cramer-Rao bound for normal noise. The unseen directions are held at nominal: their variance is not zero but unknown,
-so parameters that they
-touch get no sigma.
+so parameters that they touch get no sigma.
 """
 
 from __future__ import annotations

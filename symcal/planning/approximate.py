@@ -27,6 +27,7 @@ _MULTIPLICATIVE = 60  # steps before vertex exchange takes over: they come near 
 _EXCHANGES = 400
 _BISECTIONS = 12
 _CLOSE = 0.05  # of the best step of an exchange: the next exchange mends the rest
+_NEWCOMERS = 24  # atoms added at a time at most
 _NEGLIGIBLE = 1e-9  # weight of an atom that is dropped
 
 
@@ -76,9 +77,12 @@ def optimal_design(
         values, poses = largest(info.function, slope, where, rng)
         excess = float(values[0] + np.sum(slope * ground) - 1.0)
         if excess < tolerance or turn == rounds - 1:
-            break
+            values, poses = largest(info.function, slope, where, rng, thorough=True)
+            excess = max(excess, float(values[0] + np.sum(slope * ground) - 1.0))
+            if excess < tolerance or turn >= rounds - 1:
+                break
         threshold = 1.0 - np.sum(slope * ground) + excess / 10
-        fresh = poses[values > threshold]
+        fresh = poses[values > threshold][:_NEWCOMERS]
         atoms = np.concatenate([atoms, fresh])
         # a little weight for each newcomer, so that the multiplicative steps can find it
         weights = np.concatenate([0.9 * weights, np.full(len(fresh), 0.1 / len(fresh))])

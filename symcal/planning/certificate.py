@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from symcal.planning.approximate import TOLERANCE, ApproximateDesign, optimal_design
 from symcal.planning.criteria import Criterion, criterion
 from symcal.planning.information import PoseInformation
-from symcal.planning.maximum import FeasibleSet, largest
+from symcal.planning.maximum import THOROUGH_SAMPLE, FeasibleSet, largest
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,8 @@ class Certificate:
     d_efficiency_lower_bound, g_efficiency: see the module. worst_pose: where tr(I M^-1) is largest, shape (dof,).
     logdet_upper_bound: of log det of the mean information per pose of any plan. gap: max_x tr(I M_a^-1) - n.
     criterion: the plan's own, criterion_efficiency_lower_bound: by its own value (ratio to the best possible), None
-    where no bound is known. design: the approximate design behind the bounds.
+    where no bound is known. design: the approximate design behind the D bound; own_design: the same for the plan's own
+    criterion, None without a bound.
     searched: poses that the maximum was taken over; exhaustive: these are the whole feasible set.
     """
 
@@ -51,6 +52,7 @@ class Certificate:
     criterion: str
     criterion_efficiency_lower_bound: float | None
     design: ApproximateDesign
+    own_design: ApproximateDesign | None
     searched: int
     exhaustive: bool
 
@@ -77,7 +79,7 @@ def certify(
     where: FeasibleSet,
     rng: np.random.Generator,
     *,
-    design: ApproximateDesign | None = None,
+    designs: tuple[ApproximateDesign | None, ApproximateDesign | None] = (None, None),
     tolerance: float = TOLERANCE,
 ) -> Certificate:
     """The certificate of a plan.
@@ -85,24 +87,26 @@ def certify(
     Args:
         poses: the plan, shape (N, dof). merit: the criterion that it was made for.
         where: the feasible set with a dense sample. tolerance: of the bounds' slack, relative.
-        design: a D-optimal one for as many poses and the same set, if it is known already.
+        designs: D-optimal and optimal for ``merit``, for as many poses and the same set, if they are known already.
     """
     n, count = info.rank, len(poses)
     ground, matrix = info.prior / count, info.total(poses) / count
     by_d = criterion("D")
     start = _starting_atoms(info, where, poses)
+    design, best = designs
     if design is None:
         design = optimal_design(info, by_d, where, ground, start, rng, tolerance=tolerance)
     gap = n * max(design.excess, 0.0)
     bound = float(by_d.value(design.matrix)) + gap
     efficiency = float(np.exp((by_d.value(matrix) - bound) / n))
     inverse = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
-    values, worst = largest(info.function, inverse, where, rng)
+    values, worst = largest(info.function, inverse, where, rng, thorough=True)
     own: float | None = None
     if merit.name in ("D", "O1"):
-        own = efficiency**merit.root
+        own, best = efficiency**merit.root, design
     elif merit.concave and merit.smooth:
-        best = optimal_design(info, merit, where, ground, start, rng, tolerance=tolerance)
+        if best is None:
+            best = optimal_design(info, merit, where, ground, start, rng, tolerance=tolerance)
         upper = float(merit.score(best.matrix)) + np.log1p(max(best.excess, 0.0))
         own = float(np.exp((merit.score(matrix) - upper) * merit.root))
     return Certificate(
@@ -114,7 +118,8 @@ def certify(
         criterion=merit.name,
         criterion_efficiency_lower_bound=own,
         design=design,
-        searched=len(where.sample),
+        own_design=best,
+        searched=len(where.sample) + (0 if where.area is None else THOROUGH_SAMPLE),
         exhaustive=where.area is None,
     )
 
@@ -137,7 +142,7 @@ def smallest_variance(
     """
     inverse = np.linalg.inv(matrix)
     middle = np.asarray(inverse @ weight @ inverse)
-    values, _ = largest(info.function, middle, where, rng)
+    values, _ = largest(info.function, middle, where, rng, thorough=True)
     return float(np.sum(weight * inverse) ** 2 / (values[0] + np.sum(middle * ground)))
 
 

@@ -118,6 +118,11 @@ def _log(value: Array) -> Array:
     return np.asarray(np.where(value > 0, np.log(safe), -np.inf))
 
 
+def _log_ratio(numerator: Array, denominator: Array) -> Array:
+    """Logarithm of a ratio, minus infinity where the numerator is zero."""
+    return _log(numerator / np.where(numerator > 0, denominator, 1.0))
+
+
 def _logdet(m: Array) -> Array:
     sign, logarithm = np.linalg.slogdet(m)
     return np.asarray(np.where(sign > 0, logarithm, -np.inf))
@@ -171,7 +176,7 @@ def _slope_e(m: Array) -> Array:
 
 def _score_2(m: Array) -> Array:
     values = _eigenvalues(m)
-    return np.asarray(0.5 * (_log(values[..., 0]) - _log(values[..., -1])))
+    return 0.5 * _log_ratio(values[..., 0], values[..., -1])
 
 
 def _slope_2(m: Array) -> Array:
@@ -182,7 +187,7 @@ def _slope_2(m: Array) -> Array:
 
 def _score_4(m: Array) -> Array:
     values = _eigenvalues(m)
-    return np.asarray(_log(values[..., 0]) - 0.5 * _log(values[..., -1]))
+    return _log_ratio(values[..., 0], np.sqrt(values[..., -1]))
 
 
 def _slope_4(m: Array) -> Array:

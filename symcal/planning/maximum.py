@@ -2,7 +2,7 @@
 
 Searched, not proven: by dense sampling (uniform, and with coordinates snapped to limits, all corners among them) and a
 polish of the best samples, by L-BFGS-B with exact derivatives, and where constraints cut by a shrinking random climb. A
-finite set is searched completely.
+thorough search takes more and fresh samples and polishes hundreds of them. A finite set is searched completely.
 """
 
 from __future__ import annotations
@@ -21,6 +21,10 @@ Array = NDArray[np.float64]
 
 STARTS = 16
 """Samples that are polished."""
+THOROUGH_STARTS, THOROUGH_SAMPLE = 300, 20_000
+"""The same for a thorough search, and how many fresh samples it draws."""
+
+_TOGETHER = 80  # iterations in which all starts of a thorough search climb at once
 
 _CORNERS = 12  # joints up to which all 2^dof corners are looked at
 _CLIMB_STEPS, _CLIMB_TRIES = 24, 24
@@ -50,21 +54,30 @@ def feasible_set(
 
 
 def largest(
-    function: SubspaceRows, weight: Array, where: FeasibleSet, rng: np.random.Generator, *, starts: int = STARTS
+    function: SubspaceRows, weight: Array, where: FeasibleSet, rng: np.random.Generator, *, thorough: bool = False
 ) -> tuple[Array, Array]:
     """Local maxima of tr(F W F^T), best first: values (k,), poses (k, dof); the first is the maximum as far as known.
 
     Args:
-        weight: W, shape (n, n), symmetric. starts: how many samples are polished; 0 for sampling alone.
+        weight: W, shape (n, n), symmetric. thorough: for a figure that somebody will rely on.
     """
+    area = where.area
+    if thorough and area is not None:
+        fresh = feasible_set(area, rng, THOROUGH_SAMPLE, where.feasible).sample
+        where = FeasibleSet(np.concatenate([where.sample, fresh]), area, where.feasible)
     values = function.weighted(where.sample, weight)
     values = np.where(np.isfinite(values), values, -np.inf)
-    area = where.area
-    if area is None or starts == 0:
+    if area is None:
         best = int(np.argmax(values))
         return values[best : best + 1], where.sample[best : best + 1]
-    first = _spread(values, area.unit(where.sample), starts)
-    poses = np.array([_polish(function, weight, area, pose) for pose in where.sample[first]])
+    first = _spread(values, area.unit(where.sample), THOROUGH_STARTS if thorough else STARTS)
+    begun = where.sample[first]
+    if thorough:
+        begun = _polish(function, weight, area, begun, _TOGETHER)
+        order = np.argsort(-function.weighted(begun, weight), kind="stable")
+        first, begun = first[order], begun[order]
+    few = np.concatenate([_polish(function, weight, area, pose[None], 50) for pose in begun[:STARTS]])
+    poses = np.concatenate([few, begun[STARTS:]])
     if where.feasible is not None:
         outside = ~where.feasible(poses)
         poses[outside] = _climb(function, weight, where, where.sample[first][outside], rng)
@@ -87,18 +100,21 @@ def _spread(values: Array, unit: Array, count: int, apart: float = 0.1) -> NDArr
     return np.array(chosen, dtype=np.intp)
 
 
-def _polish(function: SubspaceRows, weight: Array, area: WorkingArea, pose: Array) -> Array:
-    span = area.span
+def _polish(function: SubspaceRows, weight: Array, area: WorkingArea, poses: Array, iterations: int) -> Array:
+    """Climb from each pose, all at once (the sum of their values is maximised), shape (k, dof)."""
+    span, shape = area.span, poses.shape
 
     def loss(u: Array) -> tuple[float, Array]:
-        value, gradient = function.weighted_gradient((area.lower + span * u)[None], weight)
-        if not np.isfinite(value[0]):
+        value, gradient = function.weighted_gradient(area.lower + span * u.reshape(shape), weight)
+        total = float(value.sum())
+        if not np.isfinite(total):
             return 1e30, np.zeros(u.shape)
-        return -float(value[0]), -gradient[0] * span
+        return -total, np.asarray(-(gradient * span).ravel())
 
-    bounds = [(0.0, 1.0)] * area.dof
-    found = minimize(loss, area.unit(pose), jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 50})
-    return area.clip(area.lower + span * np.asarray(found.x))
+    start = np.clip(area.unit(poses).ravel(), 0.0, 1.0)
+    bounds = [(0.0, 1.0)] * start.size
+    found = minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": iterations})
+    return area.clip(area.lower + span * np.asarray(found.x).reshape(shape))
 
 
 def _climb(function: SubspaceRows, weight: Array, where: FeasibleSet, poses: Array, rng: np.random.Generator) -> Array:

@@ -4,7 +4,7 @@ random      poses uniform over the feasible set
 exchange    greedy choice and exchange over a pool with coordinates snapped to limits
 refine      gradient refinement of random plans, the best of several starts
 combined    exchange, then refinement
-certified   the same, then both again with the poses of an optimal approximate design in the pool
+certified   the same; `symcal.planning.search` then does both again with the poses of the certificate's design
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
-from symcal.planning.approximate import optimal_design
+from symcal.planning.approximate import ApproximateDesign
 from symcal.planning.area import Feasible, draw
 from symcal.planning.criteria import Criterion
 from symcal.planning.exchange import Pool, exchange
@@ -31,6 +31,7 @@ Report = Callable[[Array], None]
 
 STARTS = 8  # random plans that the method `refine` starts from
 
+_WEIGHTY = 1e-4  # weight from which on an atom of a design is worth trying
 _NEIGHBOURS = 24  # feasible neighbours of each pose in a local exchange
 _RADII = (0.1, 0.03, 0.01)  # of the working area
 _GAIN = 1e-6  # of the score: less is not worth another round
@@ -143,20 +144,14 @@ def combined_plan(task: Task, rng: np.random.Generator, report: Report) -> Array
     return best if task.finite else _polish(task, best, rng, report)
 
 
-def certified_plan(task: Task, rng: np.random.Generator, report: Report) -> Array:
-    """Exchange, refinement, and another round of both with the poses of the optimal approximate design in the pool."""
-    best = combined_plan(task, rng, report)
+def improve(task: Task, poses: Array, design: ApproximateDesign, rng: np.random.Generator, report: Report) -> Array:
+    """Another exchange and refinement, with the poses of an optimal approximate design to choose from; never worse."""
     if task.finite:
-        return best
-    if task.criterion.concave and task.criterion.smooth and np.isfinite(task.score(best)):
-        ground = task.fixed / task.count
-        design = optimal_design(task.info, task.criterion, task.where, ground, best, rng, tolerance=5e-3)
-        atoms = design.poses[design.weights > 1e-4]
-        tried = _exchange(task, task.pool(np.concatenate([best, atoms])), len(best), report, repeats=True)
-        tried = _polish(task, tried, rng, report)
-        if task.score(tried) > task.score(best):
-            best = tried
-    return best
+        return poses
+    atoms = design.poses[design.weights > _WEIGHTY]
+    tried = _exchange(task, task.pool(np.concatenate([poses, atoms])), len(poses), report, repeats=True)
+    tried = _polish(task, tried, rng, report)
+    return tried if task.score(tried) > task.score(poses) else poses
 
 
 def _exchange(task: Task, pool: Pool, keep: int | None, report: Report, *, repeats: bool = False) -> Array:
@@ -214,7 +209,7 @@ def _polish(task: Task, poses: Array, rng: np.random.Generator, report: Report) 
 
 
 METHODS: dict[str, Method] = {
-    "certified": certified_plan,
+    "certified": combined_plan,
     "combined": combined_plan,
     "exchange": exchange_plan,
     "refine": refine_plan,

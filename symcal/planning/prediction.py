@@ -52,7 +52,7 @@ def predict(accuracy: Accuracy, total: Array, rng: np.random.Generator) -> Predi
         where = FeasibleSet(region.poses, None)
     else:
         where = feasible_set(region.area, rng, _SAMPLE, region.feasible)
-    values, poses = largest(accuracy.function, np.asarray(np.linalg.inv(total)), where, rng)
+    values, poses = largest(accuracy.function, np.asarray(np.linalg.inv(total)), where, rng, thorough=True)
     return Prediction(accuracy.mean_rms(total), float(np.sqrt(values[0])), poses[0], accuracy.hidden_mm)
 
 

@@ -15,7 +15,7 @@ from symcal.planning.certificate import Certificate, certify
 from symcal.planning.criteria import criterion as criterion_by_name
 from symcal.planning.information import PoseInformation
 from symcal.planning.maximum import FeasibleSet, feasible_set
-from symcal.planning.methods import METHODS, Method, Task, fewest_poses
+from symcal.planning.methods import METHODS, Method, Task, fewest_poses, improve
 from symcal.planning.prediction import Prediction, RandomPlans, predict, random_plans
 from symcal.planning.region import TaskRegion, area_region, region_accuracy
 from symcal.planning.unmodelled import NAME, integrated_error
@@ -60,7 +60,7 @@ def select_poses(
     *,
     method: str = "certified",
     criterion: str | None = None,
-    unmodelled: float = 1.0,
+    unmodelled: float = 2.0,
     region: TaskRegion | None = None,
     aligned: bool = False,
     feasible: Feasible | None = None,
@@ -135,6 +135,13 @@ def select_poses(
             f"{count} poses of method '{method}' do not determine the {info.rank} identifiable directions"
         )
     certificate = certify(info, poses, merit, where, for_certificate)
+    if method == "certified" and certificate.own_design is not None and task.count:
+        better = improve(task, found, certificate.own_design, for_search, report)
+        if better is not found:
+            found, poses = better, np.concatenate([must, better])
+            total = info.total(poses)
+            known = (certificate.design, certificate.own_design)
+            certificate = certify(info, poses, merit, where, for_certificate, designs=known)
     seconds = time.perf_counter() - began
 
     compared = None

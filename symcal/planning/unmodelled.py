@@ -7,8 +7,8 @@ readings that no parameter can express. Least squares then errs by variance *and
 
 A plan that only knows the noise goes to the corners of joint space and lets them speak for the whole; a plan that
 minimises J balances this against how well its poses represent the region. Phi is a fixed draw of random cosines
-([Rahimi2007]), which is ours: [Box1959] treat polynomials. M and X are sums over the poses, so the criterion works on rows
-[F, Phi].
+([Rahimi2007]), which is ours: [Box1959] treat polynomials. M and X are sums over the poses, so the criterion works on
+rows [F, Phi].
 """
 
 from __future__ import annotations

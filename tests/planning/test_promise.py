@@ -1,0 +1,70 @@
+"""Promises: bound below best below random, the law of large numbers, and an honest answer to 'how many'."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from planning_cases import SIGMA, handling
+
+from symcal import kinematics
+from symcal.errors import InputError, RefusedError
+from symcal.measurements import Setup, position
+from symcal.parameters import parameter_set
+from symcal.planning.information import pose_information
+from symcal.planning.promise import poses_needed, promise
+
+
+@pytest.fixture(scope="module")
+def promised():
+    return promise(handling(), (10, 20, 40, 160), np.random.default_rng(4), random=20)
+
+
+def test_bound_is_below_the_best_and_the_best_below_random(promised):
+    for bound, best, random in (
+        (promised.bound_mean_mm, promised.best_mean_mm, promised.random_mean_mm),
+        (promised.bound_worst_mm, promised.best_worst_mm, promised.random_worst_mm),
+    ):
+        assert all(a <= b + 1e-9 <= c for a, b, c in zip(bound, best, random, strict=True))
+
+
+def test_bounds_of_positions_are_those_of_the_equivalence_theorem(promised):
+    wanted = [SIGMA * np.sqrt(11 / n) for n in promised.counts]
+    np.testing.assert_allclose(promised.bound_worst_mm, wanted, rtol=5e-3)
+
+
+def test_many_poses_come_near_the_bound_and_fall_as_their_root(promised):
+    assert promised.best_worst_mm[-1] <= 1.03 * promised.bound_worst_mm[-1]
+    assert promised.best_mean_mm[2] / promised.best_mean_mm[3] == pytest.approx(2.0, rel=0.03)
+
+
+@pytest.mark.parametrize("figure", ["mean", "worst"])
+def test_poses_needed_keep_the_target_and_fewer_cannot(figure):
+    answer = poses_needed(handling(), 0.045, np.random.default_rng(1), figure=figure)
+    errors = answer.prediction
+    assert (errors.mean_pose_rms_mm if figure == "mean" else errors.worst_pose_rms_mm) <= 0.045
+    assert answer.at_least <= answer.count <= answer.at_least + 3
+    assert answer.poses.shape == (answer.count, 5)
+    assert answer.random > answer.count
+    if figure == "worst":
+        assert answer.at_least == pytest.approx(11 * (SIGMA / 0.045) ** 2, abs=1)
+
+
+def test_priors_lower_the_bound():
+    robot = handling().measurement.chain.robot
+    parameters = parameter_set(robot)
+    tight = parameters.with_priors(dict.fromkeys(parameters.names, 1e-5))
+    measurement = position(kinematics.chain(robot, tight), ("P",))
+    setup = Setup(robot.base, robot.tool, np.zeros((1, 3)))
+    info = pose_information(measurement, setup, {"position": SIGMA}, area=handling().area)
+    answer = promise(info, (10, 40), np.random.default_rng(0), random=5)
+    assert answer.bound_mean_mm[0] <= answer.best_mean_mm[0] < 0.02
+    assert answer.bound_worst_mm[1] <= answer.best_worst_mm[1]
+
+
+def test_targets_that_cannot_be_reached_are_refused(rng):
+    with pytest.raises(RefusedError, match="measure more precisely"):
+        poses_needed(handling(), 0.001, rng)
+    with pytest.raises(InputError, match="positive"):
+        poses_needed(handling(), 0.0, rng)
+    with pytest.raises(RefusedError, match="take 4 or more"):
+        promise(handling(), (3,), rng)

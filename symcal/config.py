@@ -96,6 +96,9 @@ def task_of(file: ExperimentFile, document: Document, robot: Robot) -> Task:
         there.
     """
     m, i, units = file.measurement, file.identification, file.units
+    if m.points and m.type == "pose":
+        message = "a pose measurement has no points: give the tool frame in the robot file"
+        raise document.error(message, ("measurement", "points"))
     for name, xyz in m.points.items():
         if xyz is None and "points" not in m.estimate:
             message = "this point has no coordinates: give them, or add 'points' to 'estimate'"

@@ -160,12 +160,11 @@ def validate(document: Document, model: type[Model]) -> Model:
 
 
 def _existing(document: Document, loc: Key) -> Key:
-    """The loc without the union branch names that pydantic inserts."""
-    key: Key = ()
-    for part in loc:
-        if (*key, part) in document.lines:
-            key = (*key, part)
-    return key
+    """The loc without the union branch names that pydantic inserts; a branch may be called like a key beside it."""
+    found: dict[Key, int] = {(): -1}
+    for n, part in enumerate(loc):
+        found |= {(*key, part): n for key in found if (*key, part) in document.lines}
+    return max(found, key=lambda key: (found[key], len(key)))
 
 
 _EXPECTED = {

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from symcal.documents import Strict
@@ -52,21 +52,6 @@ class MeasurementConfig(Strict):
     invert: bool = False
     noise: KnownNoise = KnownNoise()
 
-    @model_validator(mode="after")
-    def _consistent(self) -> MeasurementConfig:
-        unknown = [name for name, xyz in self.points.items() if xyz is None]
-        if unknown and "points" not in self.estimate:
-            raise PydanticCustomError(
-                "points",
-                "the point {name} has no coordinates: give them, or add 'points' to 'estimate'",
-                {"name": unknown[0]},
-            )
-        if self.points and self.type == "pose":
-            raise PydanticCustomError(
-                "points", "a pose measurement has no points: give the tool frame in the robot file"
-            )
-        return self
-
 
 class SplitConfig(Strict):
     """Which poses train and which test: labels of a column, or a random share."""
@@ -75,6 +60,16 @@ class SplitConfig(Strict):
     train: list[str] = ["train"]
     test: list[str] = ["test"]
     test_fraction: Annotated[float, Field(gt=0, lt=1)] | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> SplitConfig:
+        if self.column is not None and self.test_fraction is not None:
+            raise PydanticCustomError("split", "give 'column' or 'test_fraction', not both")
+        for label in self.train:
+            if label in self.test:
+                message = "the label '{label}' stands under 'train' and under 'test'"
+                raise PydanticCustomError("split", message, {"label": label})
+        return self
 
 
 class FileData(Strict):
@@ -139,13 +134,16 @@ class IdentificationConfig(Strict):
     priors: dict[str, Positive] = {}
 
 
+def _not_one(folds: int) -> int:
+    if folds == 1:
+        raise PydanticCustomError("folds", "one fold leaves nothing to train with: at least 2, or 0 for none")
+    return folds
+
+
 class ValidationConfig(Strict):
-    """folds.
+    """folds: of the cross-validation over training and test poses; 0 for none; 5 by default without a test split."""
 
-    K-fold cross-validation over training and test poses; 0 for none; by default 5 when there is no test split.
-    """
-
-    folds: Annotated[int, Field(ge=0)] | None = None
+    folds: Annotated[int, Field(ge=0), AfterValidator(_not_one)] | None = None
 
 
 class OutputsConfig(Strict):

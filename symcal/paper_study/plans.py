@@ -118,7 +118,9 @@ def _study_plan(
         motion=motion,
         positions=positions(setting, poses, np.zeros(len(setting.truth))),
         trace=setting.arm.motion(way)[0],
-        certificate=proof if same else certify(info, poses, criterion("D"), setting.where, rng, design=proof.design),
+        certificate=proof
+        if same
+        else certify(info, poses, criterion("D"), setting.where, rng, designs=(proof.design, proof.design)),
         expected_rms_mm=expected,
         beats_random=random.beaten_by(expected),
         condition_number=float(np.sqrt(np.linalg.cond(total))),

@@ -38,9 +38,9 @@ def sigmas(seen: Identifiability) -> list[float | None]:
 def correlation(seen: Identifiability) -> Array:
     """Correlation matrix of the free parameters on the identifiable subspace, shape (n, n); zero for unseen ones."""
     c = covariance(seen)
-    sigma = np.sqrt(np.diag(c))
-    safe = np.where(sigma > 0, sigma, 1.0)
-    return np.asarray(c / np.outer(safe, safe))
+    touched = np.linalg.norm(seen.seen, axis=1) > 1e-9  # not just by rounding
+    inverse = np.where(touched, 1 / np.sqrt(np.where(touched, np.diag(c), 1.0)), 0.0)
+    return np.asarray(c * np.outer(inverse, inverse))
 
 
 def predicted_rms(jacobian: Array, cov: Array) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from study_case import experiment, outcome
+from study_case import outcome
 
 from symcal.dataset import Dataset
 from symcal.estimation import Options, fit
@@ -80,9 +80,8 @@ def test_the_bound_is_what_finite_differences_say(rng):
             axis=1,
         )
 
-    u, s, _ = np.linalg.svd(slopes(q) / setting.sigma, full_matrices=False)
+    _, s, vt = np.linalg.svd(slopes(q) / setting.sigma, full_matrices=False)
     asked = slopes(setting.test_poses)
-    _, _, vt = np.linalg.svd(slopes(q) / setting.sigma, full_matrices=False)
     spread = asked @ (vt[s > 1].T / s[s > 1])
     bound = np.sqrt(np.sum(spread**2) / len(setting.test_poses))
     assert cramer_rao(setting, q) == pytest.approx(bound, rel=1e-6)
@@ -132,7 +131,3 @@ def test_the_mirror_moves_no_point_and_the_canonical_form_is_one(a, theta, turns
     again, changed = canonical(one, parameters, 5)
     np.testing.assert_allclose(again, one, atol=1e-9)
     assert not changed or abs(abs(one[parameters.index("theta_5")]) - np.pi / 2) < 1e-6
-
-
-def test_the_experiment_is_the_shipped_one():
-    assert experiment().file.study is not None

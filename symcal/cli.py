@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
+from symcal import terminal
 from symcal.errors import SymcalError
 
 app = typer.Typer(
@@ -29,6 +28,23 @@ Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="the run'
 Seed = Annotated[int | None, typer.Option("--seed", min=0, help="instead of the file's seed")]
 Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY.PATH=VALUE", help="replace a value of the file")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="no progress and no table")]
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"symcal {version('symcal')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", help="print the version and exit", is_eager=True, callback=_print_version)
+    ] = False,
+) -> None:
+    pass
 
 
 @app.command()
@@ -50,11 +66,11 @@ def plan(
     """Choose the poses to measure: which, how many, in what order, and how good the plan provably is."""
     from symcal.plan_experiment import run_plan
 
-    with _progress(quiet) as progress:
+    with terminal.spinner(quiet) as progress:
         folder, content = run_plan(experiment, out, seed=seed, overrides=set_ or (), progress=progress)
     if not quiet:
-        _print_plan(content)
-        _console().print(f"written to {escape(str(folder))}")
+        terminal.print_plan(content)
+        terminal.output().print(f"written to {escape(str(folder))}")
 
 
 @app.command()
@@ -84,12 +100,12 @@ def check(
 
     if "links" in read_document(file).data:
         robot = load_robot(file)
-        found = check_robot(robot)
+        found, data = check_robot(robot), tuple[str, ...]()
     else:
         loaded = runs.load(file)
-        robot, found = loaded.robot, check_model(loaded.model)
-    _print_robot(robot)
-    _print_check(found)
+        robot, found, data = loaded.robot, check_model(loaded.model), runs.describe_data(loaded)
+    terminal.print_robot(robot)
+    terminal.print_check(found, data)
 
 
 @app.command()
@@ -106,10 +122,10 @@ def validate(
     """Judge a calibrated robot on new measurements."""
     from symcal.validate import validate_robot
 
-    with _progress(quiet) as progress:
+    with terminal.spinner(quiet) as progress:
         content = validate_robot(calibrated, data, out, tuple(refit.split(",")) if refit else (), progress)
     if not quiet:
-        _print_accuracy(content)
+        terminal.print_accuracy(content)
 
 
 @app.command()
@@ -133,7 +149,7 @@ def compensate(
     if frame not in ("base", "world"):
         raise InputError("no such frame", key="--frame", found=frame, allowed=("base", "world"))
     robot = load_robot(calibrated)
-    with _progress(quiet) as progress:
+    with terminal.spinner(quiet) as progress:
         progress("compensating")
         result = solve(
             robot,
@@ -142,8 +158,8 @@ def compensate(
         )
     write_joints(result, out)
     if not quiet:
-        _print_compensation(result)
-        _console().print(f"written to {escape(str(out))}")
+        terminal.print_compensation(result)
+        terminal.output().print(f"written to {escape(str(out))}")
 
 
 @app.command()
@@ -167,7 +183,7 @@ def export(
         Console(stderr=True, soft_wrap=True).print(f"doubt overridden: {doubt}", markup=False, highlight=False)
     if not quiet:
         for path in written:
-            _console().print(f"written to {escape(str(path))}")
+            terminal.output().print(f"written to {escape(str(path))}")
 
 
 @app.command("import")
@@ -183,8 +199,8 @@ def import_(
 
     robot = load_urdf(urdf, base, tip)
     save_robot(robot, out)
-    _print_robot(robot)
-    _console().print(f"written to {escape(str(out))}")
+    terminal.print_robot(robot)
+    terminal.output().print(f"written to {escape(str(out))}")
 
 
 @app.command()
@@ -216,150 +232,31 @@ def _identify(
 ) -> None:
     from symcal import experiment as runs
 
-    with _progress(quiet) as progress:
+    with terminal.spinner(quiet) as progress:
         folder, content = runs.run(
             experiment, out, seed=seed, overrides=overrides or (), data=data, study=study, progress=progress
         )
     if not quiet:
         if "simulation_2" in content:
-            _print_study(content)
+            terminal.print_study(content)
         else:
-            _print_accuracy(content)
-        _console().print(f"written to {escape(str(folder))}")
-
-
-@contextmanager
-def _progress(quiet: bool) -> Iterator[Callable[[str], None]]:
-    """A spinner that names the current step; nothing when not a terminal or quiet."""
-    console = Console(stderr=True)
-    if quiet or not console.is_terminal:
-        yield lambda _: None
-        return
-    with console.status("starting") as status:
-        yield lambda step: status.update(escape(step))
-
-
-def _console() -> Console:
-    console = Console(soft_wrap=True)
-    return console if console.is_terminal else Console(soft_wrap=True, width=160)
-
-
-def _print_study(content: Any) -> None:
-    console = _console()
-    one, two = content["simulation_1"], content["simulation_2"]
-    console.print(f"Simulation I: {one['position_error_mm'][-1]:.1e} mm after {one['iterations']} iterations")
-    columns = ("mean mm", "max mm", "true rms mm", "expected mm", "/ Cramer-Rao", "beats random")
-    table = Table("Simulation II, plan", *columns, box=None, pad_edge=False)
-    for name, plan in two["plans"].items():
-        again = plan["repetitions"]
-        numbers = [again[key]["median"] for key in ("measured_mean_mm", "measured_max_mm", "true_rms_mm")]
-        cells = [f"{value:.4f}" for value in (*numbers, plan["expected_rms_mm"], plan["true_rms_over_cramer_rao"])]
-        table.add_row(name, *cells, f"{plan['beats_random_expected']:.1%}")
-    for name, paper in two["paper"].items():
-        table.add_row(f"paper, {name}", f"{paper['after']['mean_mm']:.4f}", f"{paper['after']['max_mm']:.4f}")
-    console.print(table)
-    console.print(f"medians of {two['repetitions']} repetitions; mean and max against noisy measurement")
-    for warning in content["warnings"]:
-        console.print(f"[bold]warning:[/bold] {escape(warning)}")
-
-
-def _print_accuracy(content: Any) -> None:
-    console = _console()
-    seen, found = content.get("identifiability"), content.get("identification")
-    if seen:
-        console.print(f"{seen['rank']} of {seen['parameters']} directions identified; {escape(found['message'])}")
-    table = Table("data", "state", "mean mm", "rms mm", "p95 mm", "max mm", "rms deg", box=None, pad_edge=False)
-    for data, states in content["accuracy"].items():
-        for state, quantities in states.items():
-            if isinstance(quantities, dict):
-                p = quantities["position_mm"]
-                turn = quantities.get("orientation_deg")
-                numbers = [f"{p[k]:.4g}" for k in ("mean", "rms", "p95", "max")]
-                table.add_row(data, state, *numbers, f"{turn['rms']:.4g}" if turn else "")
-    console.print(table)
-    console.print(
-        f"against {content['against']}; 'before' is nominal kinematics with base and tool fitted on the training data"
-    )
-    for warning in content["warnings"]:
-        console.print(f"[bold]warning:[/bold] {escape(warning)}")
-
-
-def _print_plan(content: Any) -> None:
-    from symcal.report.plan_verdict import plan_verdict
-
-    console = _console()
-    console.print(escape(plan_verdict(content)[0]))
-    found, random = content["plan"], content["plan"]["random"]
-    table = Table("", "this plan", *(["random (median)"] if random else []), box=None, pad_edge=False)
-    for key, label in (
-        ("d_efficiency_lower_bound", "D-efficiency, at least"),
-        ("g_efficiency", "G-efficiency"),
-        ("mean_pose_rms_mm", "foretold error, mean, mm"),
-        ("worst_pose_rms_mm", "foretold error, worst pose, mm"),
-    ):
-        cells = [found[key], *([random[key]] if random else [])]
-        table.add_row(label, *("-" if value is None else f"{value:.4g}" for value in cells))
-    console.print(table)
-    for warning in content["warnings"]:
-        console.print(f"[bold]warning:[/bold] {escape(warning)}")
-
-
-def _print_robot(robot: Any) -> None:
-    import numpy as np
-
-    console = _console()
-    kinds = [k for k in ("theta", "d", "a", "alpha", "beta") if any(k in link.parameters for link in robot.links)]
-    console.print(f"{escape(robot.name)}: {robot.dof} joints, {robot.convention} convention (rad shown in deg)")
-    table = Table("link", "joint", "kind", "limits", *(f"{k} {'mm' if k in 'ad' else 'deg'}" for k in kinds), box=None)
-    for i, link in enumerate(robot.links, start=1):
-        joint = link.joint
-        shown = [joint.lower, joint.upper]
-        if joint.revolute:
-            shown = np.rad2deg(shown).tolist()
-        cells = [
-            ""
-            if k not in link.parameters
-            else f"{link.parameters[k] if k in 'ad' else np.rad2deg(link.parameters[k]):.7g}"
-            for k in kinds
-        ]
-        table.add_row(str(i), escape(joint.name), joint.kind, f"{shown[0]:.6g} .. {shown[1]:.6g}", *cells)
-    console.print(table)
-
-
-def _print_compensation(result: Any) -> None:
-    table = result.table()
-    counts = table["status"].value_counts()
-    console = _console()
-    console.print(
-        f"{len(table)} targets: " + ", ".join(f"{count} {escape(str(status))}" for status, count in counts.items())
-    )
-
-
-def _print_check(found: Any) -> None:
-    import numpy as np
-
-    from symcal.spatial import matrix_rpy
-
-    console = _console()
-    pose = found.pose_at_zero
-    xyz = ", ".join(f"{v:.6f}" for v in pose[:3, 3])
-    rpy = ", ".join(f"{v:.6f}" for v in np.rad2deg(matrix_rpy(pose[:3, :3])))
-    console.print(f"\ntool in world with all readings at zero: xyz ({xyz}) mm, rpy ({rpy}) deg")
-    for name, seen in found.seen.items():
-        console.print(f"\n{name}: {seen.numerical_rank} of {len(seen.names)} parameter directions can be seen")
-        for direction in seen.unseen():
-            console.print(f"  - {direction.text}")
-    for note in found.notes:
-        console.print(f"[bold]warning:[/bold] {escape(note)}")
+            terminal.print_accuracy(content)
+        terminal.output().print(f"written to {escape(str(folder))}")
 
 
 def main() -> None:
     """Entry point: an input error is one message and exit code 1; a traceback is a bug of ours."""
+    signal.signal(signal.SIGTERM, _stop)
     try:
         app()
     except SymcalError as error:
         Console(stderr=True, soft_wrap=True).print(f"symcal: {error}", markup=False, highlight=False)
         sys.exit(1)
+
+
+def _stop(number: int, _: object) -> None:
+    """Leave as after an interrupt: half-written folders vanish."""
+    sys.exit(128 + number)
 
 
 if __name__ == "__main__":

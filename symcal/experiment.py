@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from symcal import config, results
 from symcal.config import ExperimentFile, FileData, SimulatedData
@@ -27,8 +26,8 @@ from symcal.planning.plan_file import write_plan
 from symcal.promised import promise_kept
 from symcal.robot import Robot, load_robot, save_robot
 from symcal.run_folder import require_replaceable, run_folder, write_json
+from symcal.run_tables import tables
 from symcal.simulate import Noise, concatenate, simulate
-from symcal.uncertainty import correlation
 
 Progress = Callable[[str], None]
 
@@ -134,6 +133,24 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     return Outcome(experiment, measured, planned, inputs, calibration, errors, content)
 
 
+def describe_data(experiment: Experiment) -> tuple[str, ...]:
+    """What the file of measurements holds and what looks wrong in it, or that it is not there.
+
+    Raises:
+        InputError: it is there and cannot be read.
+    """
+    source = experiment.file.data
+    if not isinstance(source, FileData):
+        return ()
+    try:
+        config.existing(experiment.document, source.file, ("data", "file"), "file of measurements")
+    except InputError as error:
+        return (str(error),)
+    measured, _, _ = _measurements(experiment, None, None, np.random.default_rng(experiment.seed))
+    counts = [f"{measured.split.count(s)} {s}" for s in ("train", "test", "unused") if s in measured.split]
+    return (f"{len(measured)} poses ({', '.join(counts)})", *measured.notes)
+
+
 def plan_of(experiment: Experiment, progress: Progress) -> Planned | None:
     """The plan that simulated data are taken at; None where the file names no method, or they are not simulated."""
     wanted = experiment.file.plan
@@ -234,7 +251,7 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> None:
     resolved = config.resolved(experiment.file, experiment.document, folder)
     write_document(folder / "experiment.resolved.yaml", resolved | {"seed": experiment.seed})
     (folder / "tables").mkdir()
-    for name, table in tables(outcome).items():
+    for name, table in tables(outcome.content, calibration, outcome.data, outcome.errors).items():
         table.to_csv(folder / "tables" / f"{name}.csv", index=False)
     if not (experiment.file.outputs.figures or experiment.file.outputs.report):
         return
@@ -256,49 +273,3 @@ def _with_provenance(outcome: Outcome) -> Robot:
     content = outcome.content
     facts = {k: content[k] for k in ("name", "seed", "versions", "inputs", "warnings", "accuracy", "against")}
     return replace(robot, record=replace(robot.record, provenance=dict(robot.record.provenance) | facts))
-
-
-def tables(outcome: Outcome) -> dict[str, pd.DataFrame]:
-    """The run's tables: parameters, accuracy, errors per observation, correlation."""
-    content, calibration = outcome.content, outcome.calibration
-    parameters = pd.DataFrame(
-        [{"parameter": name, **entry} for name, entry in content["identification"]["parameters"].items()]
-    )
-    accuracy = pd.DataFrame(
-        [
-            {"data": data, "state": state, "quantity": quantity, **values}
-            for data, states in content["accuracy"].items()
-            for state, quantities in states.items()
-            if isinstance(quantities, dict)
-            for quantity, values in quantities.items()
-        ]
-    )
-    seen = calibration.after.identifiability
-    matrix = pd.DataFrame(correlation(seen), columns=list(seen.names))
-    matrix.insert(0, "parameter", list(seen.names))
-    return {"parameters": parameters, "accuracy": accuracy, "errors": _error_table(outcome), "correlation": matrix}
-
-
-def _error_table(outcome: Outcome) -> pd.DataFrame:
-    names = outcome.calibration.model.measurement.point_names
-    rows = []
-    for split in ("train", "test"):
-        if split not in outcome.errors:
-            continue
-        labels = outcome.data.part(split).labels
-        for state, found in outcome.errors[split].items():
-            for k, norm in enumerate(found.position):
-                rows.append(
-                    {
-                        "data": split,
-                        "state": state,
-                        "pose": labels[found.pose[k]],
-                        "point": names[found.point[k]] if names else "",
-                        "x_mm": found.vectors[k, 0],
-                        "y_mm": found.vectors[k, 1],
-                        "z_mm": found.vectors[k, 2],
-                        "position_mm": norm,
-                        "orientation_deg": np.nan if found.orientation is None else np.rad2deg(found.orientation[k]),
-                    }
-                )
-    return pd.DataFrame(rows)

@@ -1,0 +1,146 @@
+"""What commands say in the terminal: a spinner while they work, short tables when they are done."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+
+@contextmanager
+def spinner(quiet: bool) -> Iterator[Callable[[str], None]]:
+    """A spinner that names the current step; nothing when not a terminal or quiet."""
+    console = Console(stderr=True)
+    if quiet or not console.is_terminal:
+        yield lambda _: None
+        return
+    with console.status("starting") as status:
+        yield lambda step: status.update(escape(step))
+
+
+def output() -> Console:
+    """The terminal; elsewhere lines are wide enough for the tables."""
+    console = Console(soft_wrap=True)
+    return console if console.is_terminal else Console(soft_wrap=True, width=160)
+
+
+def print_study(content: Any) -> None:
+    """The paper's simulations: exact, and with noise against random plans and the paper's figures."""
+    console = output()
+    one, two = content["simulation_1"], content["simulation_2"]
+    console.print(f"Simulation I: {one['position_error_mm'][-1]:.1e} mm after {one['iterations']} iterations")
+    columns = ("mean mm", "max mm", "true rms mm", "expected mm", "/ Cramer-Rao", "beats random")
+    table = Table("Simulation II, plan", *columns, box=None, pad_edge=False)
+    for name, plan in two["plans"].items():
+        again = plan["repetitions"]
+        numbers = [again[key]["median"] for key in ("measured_mean_mm", "measured_max_mm", "true_rms_mm")]
+        cells = [f"{value:.4f}" for value in (*numbers, plan["expected_rms_mm"], plan["true_rms_over_cramer_rao"])]
+        table.add_row(name, *cells, f"{plan['beats_random_expected']:.1%}")
+    for name, paper in two["paper"].items():
+        table.add_row(f"paper, {name}", f"{paper['after']['mean_mm']:.4f}", f"{paper['after']['max_mm']:.4f}")
+    console.print(table)
+    console.print(f"medians of {two['repetitions']} repetitions; mean and max against noisy measurement")
+    for warning in content["warnings"]:
+        console.print(f"[bold]warning:[/bold] {escape(warning)}")
+
+
+def print_accuracy(content: Any) -> None:
+    """Errors of every state on every set, and the warnings."""
+    console = output()
+    seen, found = content.get("identifiability"), content.get("identification")
+    if seen:
+        console.print(f"{seen['rank']} of {seen['parameters']} directions identified; {escape(found['message'])}")
+    table = Table("data", "state", "mean mm", "rms mm", "p95 mm", "max mm", "rms deg", box=None, pad_edge=False)
+    for data, states in content["accuracy"].items():
+        for state, quantities in states.items():
+            if isinstance(quantities, dict):
+                p = quantities["position_mm"]
+                turn = quantities.get("orientation_deg")
+                numbers = [f"{p[k]:.4g}" for k in ("mean", "rms", "p95", "max")]
+                table.add_row(data, state, *numbers, f"{turn['rms']:.4g}" if turn else "")
+    console.print(table)
+    against = (
+        f"errors against {content['against']}{', truth: against exact poses' if 'truth' in content['accuracy'] else ''}"
+    )
+    console.print(f"{against}; before: nominal kinematics with base and tool fitted on the training data")
+    for warning in content["warnings"]:
+        console.print(f"[bold]warning:[/bold] {escape(warning)}")
+
+
+def print_plan(content: Any) -> None:
+    """How good a plan is, and how good random ones are."""
+    from symcal.report.plan_verdict import plan_verdict
+
+    console = output()
+    console.print(escape(plan_verdict(content)[0]))
+    found, random = content["plan"], content["plan"]["random"]
+    table = Table("", "this plan", *(["random (median)"] if random else []), box=None, pad_edge=False)
+    for key, label in (
+        ("d_efficiency_lower_bound", "D-efficiency, at least"),
+        ("g_efficiency", "G-efficiency"),
+        ("mean_pose_rms_mm", "foretold error, mean, mm"),
+        ("worst_pose_rms_mm", "foretold error, worst pose, mm"),
+    ):
+        cells = [found[key], *([random[key]] if random else [])]
+        table.add_row(label, *("-" if value is None else f"{value:.4g}" for value in cells))
+    console.print(table)
+    for warning in content["warnings"]:
+        console.print(f"[bold]warning:[/bold] {escape(warning)}")
+
+
+def print_robot(robot: Any) -> None:
+    """A robot's links and limits, in mm and deg."""
+    import numpy as np
+
+    console = output()
+    kinds = [k for k in ("theta", "d", "a", "alpha", "beta") if any(k in link.parameters for link in robot.links)]
+    console.print(f"{escape(robot.name)}: {robot.dof} joints, {robot.convention} convention (rad shown in deg)")
+    table = Table("link", "joint", "kind", "limits", *(f"{k} {'mm' if k in 'ad' else 'deg'}" for k in kinds), box=None)
+    for i, link in enumerate(robot.links, start=1):
+        joint = link.joint
+        shown = [joint.lower, joint.upper]
+        if joint.revolute:
+            shown = np.rad2deg(shown).tolist()
+        cells = [
+            ""
+            if k not in link.parameters
+            else f"{link.parameters[k] if k in 'ad' else np.rad2deg(link.parameters[k]):.7g}"
+            for k in kinds
+        ]
+        limits = f"{shown[0]:.6g} .. {shown[1]:.6g}" if np.isfinite(joint.lower) else "none"
+        table.add_row(str(i), escape(joint.name), joint.kind, limits, *cells)
+    console.print(table)
+
+
+def print_compensation(result: Any) -> None:
+    table = result.table()
+    counts = table["status"].value_counts()
+    console = output()
+    console.print(
+        f"{len(table)} targets: " + ", ".join(f"{count} {escape(str(status))}" for status, count in counts.items())
+    )
+
+
+def print_check(found: Any, data: Sequence[str] = ()) -> None:
+    """Pose at zero and what measurements can see; then what is said about the measurements that are there."""
+    import numpy as np
+
+    from symcal.spatial import matrix_rpy
+
+    console = output()
+    pose = found.pose_at_zero
+    xyz = ", ".join(f"{v:.6f}" for v in pose[:3, 3])
+    rpy = ", ".join(f"{v:.6f}" for v in np.rad2deg(matrix_rpy(pose[:3, :3])))
+    console.print(f"\ntool in world with all readings at zero: xyz ({xyz}) mm, rpy ({rpy}) deg")
+    for name, seen in found.seen.items():
+        console.print(f"\n{name}: {seen.numerical_rank} of {len(seen.names)} parameter directions can be seen")
+        for direction in seen.unseen():
+            console.print(f"  - {direction.text}")
+    for line in data:
+        console.print(f"\nmeasurements: {escape(line)}")
+    for note in found.notes:
+        console.print(f"[bold]warning:[/bold] {escape(note)}")

@@ -3,7 +3,8 @@
 Every pose gives up to four poses of the target in the camera ([Ding2017] eq. 5, `symcal.vision.p3p`), of which one is
 true. With measured_i = B flange_i X, B = T_camera_base and X = T_flange_target, three poses with one choice each give
 B and X in closed form (`symcal.registration.hand_eye`); the right choice is the one that the image points of all poses
-agree with. The consensus search is ours.
+agree with. Where it is not known either which disc is which, every labelling is a choice more. The consensus search is
+ours.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from symcal.vision.p3p import solve_p3p_batch
 
 Array = NDArray[np.float64]
 
-_TRIPLES = 80  # sets of three poses that are tried
+_TRIPLES = 80  # sets of three poses that are tried, as long as their choices are few
+_TRIES = 2000  # choices in all
 _JUDGES = 40  # poses whose image points judge each try
 _ROUNDS = 6
 _KEPT = 3
@@ -54,7 +56,7 @@ def target_poses(camera: Camera, target: Target, pixels: Array) -> list[Array]:
         open_ = np.flatnonzero(np.all(seen[:, list(base)], axis=1) & unsolved)
         if _area(target.points[list(base)]) == 0 or not open_.size:
             continue
-        anywhere = np.broadcast_to(np.eye(4), (len(open_), 4, 4))
+        anywhere = np.broadcast_to(spatial.transform(np.eye(3), np.array([0.0, 0.0, 1e3])), (len(open_), 4, 4))
         points = target.points[list(base)]
         results = solve_p3p_batch(
             camera, points, pixels[open_][:, list(base)], anywhere, normal=_normal(points, target.normal)
@@ -82,13 +84,14 @@ def place_camera(
     Args:
         flange: T_base_flange by nominal kinematics, shape (N, 4, 4), mm.
         choices: for every pose the poses T_camera_target that it may be, shape (k, 4, 4) each (`target_poses`).
-        pixels: image points, shape (N, n, 2), px.
+        pixels: image points, shape (N, n, 2), px; or (N, c, n, 2) with c possible labellings each, NaN where fewer.
         base, mount: T_camera_base or T_flange_target if known.
         rng: draws the sets of poses that are tried; the same ones each time when None.
     Raises:
         RefusedError: too few poses with image points, or none that agree.
     """
     rng = np.random.default_rng(0) if rng is None else rng
+    pixels = pixels if pixels.ndim == 4 else pixels[:, None]
     usable = np.array([i for i, found in enumerate(choices) if len(found)], dtype=int)
     need = 3 if base is None and mount is None else 1
     if len(usable) < need:
@@ -102,6 +105,8 @@ def place_camera(
     solve = _solver(base, mount)
     tried: list[tuple[float, Array, Array]] = []
     for group in _groups(usable, need, rng):
+        if len(tried) > _TRIES:
+            break
         for choice in product(*(range(len(choices[i])) for i in group)):
             measured = np.array([choices[i][k] for i, k in zip(group, choice, strict=True)])
             b, x = solve(flange[group], measured)
@@ -178,15 +183,21 @@ def _groups(usable: NDArray[np.intp], size: int, rng: np.random.Generator) -> li
 
 
 def _errors(camera: Camera, target: Target, poses: Array, pixels: Array) -> Array:
-    """Rms error of the image points of each pose, shape (N,), px; infinite where a point cannot be seen."""
+    """Rms error of the image points of each pose in the labelling that fits best, shape (N,), px.
+
+    Infinite where a point cannot be seen.
+    """
     points = np.einsum("nij,kj->nki", poses[:, :3, :3], target.points) + poses[:, None, :3, 3]
-    off = np.sum((project_points(camera, points) - pixels) ** 2, axis=2)
-    off = np.where(np.isfinite(off), off, np.where(np.isfinite(pixels).all(axis=2), np.inf, np.nan))
-    return np.asarray(np.sqrt(np.nanmean(off, axis=1)))
+    seen = np.isfinite(pixels).all(axis=3)
+    off = np.sum((project_points(camera, points)[:, None] - pixels) ** 2, axis=3)
+    off = np.where(seen, np.where(np.isfinite(off), off, np.inf), 0.0)
+    count = seen.sum(axis=2)
+    mean = np.where(count > 0, off.sum(axis=2) / np.maximum(count, 1), np.inf)
+    return np.asarray(np.sqrt(mean.min(axis=1)))
 
 
 def _rms(camera: Camera, target: Target, pose: Array, pixels: Array) -> float:
-    return float(_errors(camera, target, pose[None], pixels[None])[0])
+    return float(_errors(camera, target, pose[None], pixels[None, None])[0])
 
 
 def _area(corners: Array) -> float:

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from symcal import spatial
 from symcal.camera import Camera, Target, in_image, project_points
+from symcal.measurements import Setup
 from symcal.model import Model, Scene, build_model, pixels_task
 from symcal.robot import Robot, load_robot
 from symcal.scene_placement import flange_poses
@@ -79,3 +80,14 @@ def poses(model: Model, count: int, rng: np.random.Generator) -> np.ndarray:
 def scene_model(**keywords: object) -> Model:
     """The model of the scene with camera and mount at their true places, all unknown."""
     return build_model(ROBOT, pixels_task(Scene(camera(), target(), T_WORLD_CAMERA), **keywords))
+
+
+def small_camera() -> Camera:
+    """A quarter of the pixels of `camera` behind the same lens, for images that are quickly rendered."""
+    return Camera(1224, 1024, 2318.5, 2319.0, 614.8, 509.1, (-0.08, 0.11, 2e-4, -1e-4))
+
+
+def target_poses(model: Model, q: np.ndarray, x: np.ndarray, setup: Setup) -> np.ndarray:
+    """True T_camera_target of a robot with errors x at readings q, camera and mount as in ``setup``."""
+    flange = model.flange(q, x, Setup(setup.base, setup.tool).vector)[0]
+    return np.asarray(spatial.inverse(setup.camera) @ flange)

@@ -80,7 +80,7 @@ def detect_target(
     Raises:
         NotDetected: with the named reason.
     """
-    grey = _grey(camera, image)
+    grey = grey_levels(camera, image)
     outlines = predict_outlines(camera, target, T_predicted, target.disc_radius, shape)
     labelling, blobs = label_discs(camera, target, grey, outlines, search_px=search_px, colour=colour, least=least)
     chosen = {i: blobs[k] for i, k in enumerate(labelling.blobs) if k >= 0}
@@ -124,7 +124,7 @@ def detect_target(
     )
 
 
-def _grey(camera: Camera, image: NDArray[np.generic]) -> Float32:
+def grey_levels(camera: Camera, image: NDArray[np.generic]) -> Float32:
     """Grey levels as fractions of full scale."""
     if image.ndim != 2 or image.dtype not in (np.uint8, np.uint16):
         raise NotDetected(Failure.WRONG_IMAGE, f"it has the shape {image.shape} and the type {image.dtype}")

@@ -258,10 +258,10 @@ def _check_redundancy(rows: Rows, jacobian: Array, free: tuple[str, ...], estima
     equations = stacked.shape[0] + _prior_count(rows, free)
     _, _, _, rank = decompose(stacked, None)
     if equations <= rank and (estimated or equations < rank or rank == stacked.shape[0] < len(index)):
-        per_pose = max(1, equations // max(len(rows.data), 1))
-        wanted = len(rows.data) + (rank + 1 - equations + per_pose) // per_pose
+        unknowns = len(index) if rank == equations else rank  # so few rows cannot tell how many there are to see
+        wanted = max(len(rows.data) + 1, (unknowns + 1) * len(rows.data) // max(equations, 1) + 1)
         raise RefusedError(
             f"{len(rows.data)} poses give {equations} equations for at least {rank} unknowns: nothing would be left "
-            f"to judge the fit by; measure at least {wanted} poses (three times as many are sensible), or hold "
+            f"to judge the fit by; measure {wanted} poses or more (three times as many are sensible), or hold "
             "parameters with 'fix'"
         )

@@ -87,8 +87,8 @@ def _left_out(data: Dataset) -> list[str]:
     return found
 
 
-def unread_columns(table: Table, known: Collection[str], points: Collection[str]) -> tuple[str, ...]:
-    """Columns that are passed over although their name comes near one that would be read; points not asked for."""
+def unread(table: Table, known: Collection[str], points: Collection[str]) -> tuple[str, ...]:
+    """What is passed over: columns whose name comes near one that would be read, points not asked for, comments."""
     present = {stem for stem, _ in map(split_unit, table.columns)}
     found = []
     for column in table.columns:
@@ -100,4 +100,6 @@ def unread_columns(table: Table, known: Collection[str], points: Collection[str]
     unasked = [name for name in wide if points and name not in points]
     if unasked and set(wide) & set(points):
         found.append(f"the file has points that the measurement does not name: {', '.join(unasked)} (not used)")
+    if table.hidden:
+        found.append(f"{plural(table.hidden, 'row')} commented out with '#'")
     return tuple(found)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from symcal import spatial
-from symcal.data_notes import notes, unread_columns
+from symcal.data_notes import notes, unread
 from symcal.dataset import Dataset, Kind
 from symcal.errors import InputError
 from symcal.robot import Robot
@@ -72,7 +72,7 @@ def load_measurements(
     else:
         data = _read_wide(table, q, expected)
     data = replace(data, split=splits(table, poses, split), provenance=str(path))
-    return replace(data, notes=(*notes(data, robot), *unread_columns(table, known, expected)))
+    return replace(data, notes=(*notes(data, robot), *unread(table, known, expected)))
 
 
 def _measured_stems(table: Table, kind: Kind, expected: tuple[str, ...]) -> tuple[str, ...]:

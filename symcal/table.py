@@ -26,7 +26,8 @@ _NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")  # fl
 class Table:
     """A CSV file as text cells.
 
-    columns: header names. lines, head_line: where in the file every row and the header stand.
+    columns: header names. lines, head_line: where in the file every row and the header stand. hidden: lines with as
+        many cells that begin with '#' and are therefore no rows.
     """
 
     path: Path
@@ -35,6 +36,7 @@ class Table:
     lines: tuple[int, ...]
     head_line: int = 1
     decimal: str = "."
+    hidden: int = 0
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -128,7 +130,7 @@ def read_table(
     delimiter: str | None = None,
     decimal: str = ".",
 ) -> Table:
-    """Read a CSV file with one header line; lines that start with '#' and blank lines are passed over.
+    """Read a CSV file with one header line; lines that start with '#' and empty ones are passed over.
 
     Args:
         columns: canonical name -> name in the file, for columns that are called otherwise there.
@@ -146,21 +148,13 @@ def read_table(
         raise InputError(f"the file cannot be read: {error.strerror}", file=path) from None
     except UnicodeDecodeError as error:
         raise InputError(f"the file cannot be read as UTF-8 text: {error}", file=path) from None
-    lines = text.splitlines(keepends=True)
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     content = [(i, line) for i, line in enumerate(lines, start=1) if line.strip() and not line.lstrip().startswith("#")]
     if not content:
         raise InputError("the file is empty", file=path)
-    if delimiter is None:
-        delimiter = max(_DELIMITERS, key=content[0][1].count)
-    try:
-        parsed = [
-            (number, tuple(cell.strip() for cell in row))
-            for (number, line) in content
-            for row in csv.reader([line], delimiter=delimiter, strict=True)
-        ]
-    except csv.Error as error:
-        raise InputError(f"not a CSV file: {error}", file=path) from None
-    (head_line, header), rows = parsed[0], parsed[1:]
+    delimiter = delimiter or max(_DELIMITERS, key=content[0][1].count)
+    parsed = [(number, _cells(path, number, line, delimiter)) for number, line in content]
+    (head_line, header), rows = parsed[0], [(number, row) for number, row in parsed[1:] if any(row)]
     if all(_NUMBER.fullmatch(name) for name in header):
         message = "the first line must name the columns, each with its unit: here it is numbers"
         raise InputError(message, file=path, line=head_line)
@@ -168,6 +162,7 @@ def read_table(
         if len(row) != len(header):
             message = f"this row has {len(row)} cells, the header {len(header)}"
             raise InputError(message, file=path, line=number)
+    hidden = sum(line.lstrip().startswith("#") and line.count(delimiter) == len(header) - 1 > 0 for line in lines)
     named = [i for i, name in enumerate(header) if name or any(row[i] for _, row in rows)]  # spreadsheets leave ',,'
     header = tuple(header[i] for i in named)
     for name in header:
@@ -181,7 +176,16 @@ def read_table(
         tuple(number for number, _ in rows),
         head_line,
         decimal,
+        hidden,
     )
+
+
+def _cells(path: Path, number: int, line: str, delimiter: str) -> tuple[str, ...]:
+    try:
+        (row,) = csv.reader([line], delimiter=delimiter, strict=True)
+    except csv.Error as error:
+        raise InputError(f"not a line of a CSV file: {error}", file=path, line=number) from None
+    return tuple(cell.strip() for cell in row)
 
 
 def _renamed(path: Path, line: int, header: Sequence[str], columns: Mapping[str, str]) -> tuple[str, ...]:

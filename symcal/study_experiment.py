@@ -14,6 +14,7 @@ from symcal.measurement_file import save_measurements
 from symcal.paper_study.content import study_content
 from symcal.paper_study.results import Study
 from symcal.paper_study.study import run_study
+from symcal.paper_study.surroundings import surroundings
 from symcal.paper_study.tables import study_tables
 from symcal.planning.plan_file import write_plan, write_waypoints
 from symcal.robot import Robot, save_robot
@@ -41,19 +42,22 @@ def study_experiment(experiment: Experiment, progress: Progress = lambda _: None
     study = run_study(file, document, experiment.model, experiment.options, experiment.seed, progress)
     inputs = (document.path, experiment.robot_path, *study.problem.inputs)
     head = results.header(file.name, file.title, experiment.seed, inputs, document.path.parent.resolve())
-    return StudyOutcome(experiment, study, {**head, **study_content(study)})
+    assert file.study is not None  # run_study asks for it
+    content = {**head, **study_content(study), **surroundings(study, file.study.sized())}
+    return StudyOutcome(experiment, study, content)
 
 
 def write_study(experiment: Experiment, target: Path, progress: Progress = lambda _: None) -> Mapping[str, Any]:
     """Run the study and write its folder; the content of its results.json."""
     outcome = study_experiment(experiment, progress)
     with run_folder(target) as folder:
-        write(outcome, folder)
+        write(outcome, folder, progress)
     return outcome.content
 
 
-def write(outcome: StudyOutcome, folder: Path) -> None:
-    """Everything that the study leaves: numbers, tables, plans, the calibrated robot and its measurements."""
+def write(outcome: StudyOutcome, folder: Path, progress: Progress = lambda _: None) -> None:
+    """Everything that the study leaves: numbers, tables, plans, the calibrated robot and its measurements, figures and
+    report."""
     experiment, study = outcome.experiment, outcome.study
     robot, tables = experiment.robot, folder / "tables"
     write_json(folder / "results.json", outcome.content)
@@ -68,6 +72,16 @@ def write(outcome: StudyOutcome, folder: Path) -> None:
     for name, plan in study.plans.items():
         write_plan(tables / f"plan_{name}.csv", robot, plan.poses, plan.motion)
         write_waypoints(tables / f"waypoints_{name}.csv", robot, plan.motion)
+    if not (experiment.file.outputs.figures or experiment.file.outputs.report):
+        return
+    from symcal.plots.paper import study_figures
+    from symcal.report import save_figures, write_report
+
+    progress("drawing")
+    pictures = save_figures(study_figures(study), folder / "figures")
+    if experiment.file.outputs.report:
+        progress("writing the report")
+        write_report(outcome.content, pictures, folder / "report.pdf", kind="paper")
 
 
 def _with_provenance(outcome: StudyOutcome) -> Robot:

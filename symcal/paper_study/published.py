@@ -89,3 +89,21 @@ TABLE_VI: Mapping[str, float] = MappingProxyType(
 """Identification values with the random trajectory."""
 
 TABLES: Mapping[str, Mapping[str, float]] = MappingProxyType({"optimal": TABLE_V, "random": TABLE_VI})
+
+TABLE_I: tuple[Mapping[str, float | str], ...] = (
+    {"theta": "θ₁", "alpha": 0.0, "beta": 0.0},
+    {"alpha": -90.0, "d": "d₂"},
+    {"alpha": 0.0, "d": "d₃", "beta": 0.0},
+    {"theta": "θ₄", "alpha": -90.0, "a": 0.0, "d": 300.0},
+    {"theta": "θ₅", "alpha": 0.0, "a": 0.0, "d": 25.0},
+)
+"""Nominal parameters by link, deg and mm; a joint's variable is text."""
+
+TABLE_II: tuple[tuple[float, float], ...] = (
+    (-165.0, 165.0),
+    (850.0, 1350.0),
+    (0.0, 700.0),
+    (0.0, 175.0),
+    (-175.0, 175.0),
+)
+"""Ranges of the joint variables, deg and mm."""

@@ -12,10 +12,12 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from symcal.errors import InputError
+from symcal.report.camera import camera_text
 from symcal.report.identification import identification_text
+from symcal.report.paper import paper_text
 from symcal.report.plan import plan_text
 
-TEXTS = {"identification": identification_text, "plan": plan_text}
+TEXTS = {"camera": camera_text, "identification": identification_text, "paper": paper_text, "plan": plan_text}
 """The texts of each kind of report; its template has the same name."""
 
 

@@ -1,0 +1,109 @@
+"""Arms, cameras and tool paths in three dimensions, drawn for print."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.gridspec import SubplotSpec
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # type: ignore[import-untyped]
+from numpy.typing import NDArray
+
+from symcal.camera import Camera, rays
+from symcal.plots.style import FAINT, INK, RULE, VERMILION
+
+Array = NDArray[np.float64]
+
+_METRES = 1e-3
+
+
+def space_axes(
+    figure: Figure,
+    where: SubplotSpec | tuple[int, int, int],
+    corners: Array,
+    *,
+    elevation: float = 22.0,
+    azimuth: float = -58.0,
+    zoom: float = 1.0,
+) -> Any:
+    """Axes in metres with equal scales around everything that will be drawn.
+
+    Args:
+        corners: points that must be inside, shape (k, 3), mm. elevation, azimuth: of the eye, deg.
+    """
+    place = where if isinstance(where, tuple) else (where,)
+    axes: Any = figure.add_subplot(*place, projection="3d")
+    low, high = corners.min(axis=0) * _METRES, corners.max(axis=0) * _METRES
+    margin = 0.04 * float(np.max(high - low))
+    low, high = low - margin, high + margin
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set_box_aspect(high - low, zoom=zoom)
+    axes.set_proj_type("ortho")
+    axes.view_init(elev=elevation, azim=azimuth)
+    for axis, label, span in zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", high - low, strict=True):
+        axis.set_pane_color((1, 1, 1, 0))
+        axis.line.set_color(FAINT)
+        axis._axinfo["grid"].update(color=RULE, linewidth=0.3)
+        axis.set_major_locator(_ticks(float(span), float(np.max(high - low))))
+        axis.set_tick_params(pad=-3, labelsize=6)
+        axis.set_label_text(f"{label} / m")
+        axis.labelpad = -8
+    return axes
+
+
+def _ticks(span: float, longest: float) -> Any:
+    from matplotlib.ticker import MultipleLocator
+
+    step = 0.5 if longest <= 2.6 else 1.0
+    return MultipleLocator(step if span >= step else step / 2)
+
+
+def draw_arm(axes: Any, nodes: Array, *, color: str = INK, width: float = 2.2, label: str | None = None) -> None:
+    """The polyline through an arm's links.
+
+    Args:
+        nodes: its corners from base to tool, shape (k, 3), mm.
+    """
+    p = _distinct(nodes) * _METRES
+    axes.plot(*p.T, color=color, linewidth=width, solid_capstyle="round", label=label, zorder=6)
+    axes.plot(*p[:-1].T, linestyle="none", marker="o", markersize=2.4, markerfacecolor="white", color=color, zorder=7)
+
+
+def _distinct(nodes: Array) -> Array:
+    """Corners without the ones that stand on the one before."""
+    apart = np.linalg.norm(np.diff(nodes, axis=0), axis=1) > 1e-6
+    kept: Array = nodes[np.concatenate([[True], apart])]
+    return kept
+
+
+def draw_camera(axes: Any, camera: Camera, T_world_camera: Array, depth: float, color: str = VERMILION) -> None:
+    """A camera as the pyramid that it sees, up to a depth in mm."""
+    corner = np.array([[0, 0], [camera.width, 0], [camera.width, camera.height], [0, camera.height]], dtype=np.float64)
+    ends = depth * np.column_stack([rays(camera, corner), np.ones(4)])
+    world = (ends @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]) * _METRES
+    eye = T_world_camera[:3, 3] * _METRES
+    axes.add_collection3d(
+        Line3DCollection([np.stack([eye, end]) for end in world], colors=color, linewidths=0.5, linestyles="--")
+    )
+    axes.add_collection3d(
+        Poly3DCollection([world], facecolors=[(0.84, 0.37, 0.0, 0.08)], edgecolors=color, linewidths=0.5)
+    )
+    axes.plot(*eye[:, None], linestyle="none", marker="s", markersize=4.5, color=color, label="camera", zorder=8)
+
+
+def draw_points(axes: Any, points: Array, **style: Any) -> None:
+    """Markers at points, shape (k, 3), mm."""
+    axes.plot(*(points * _METRES).T, linestyle="none", **style)
+
+
+def draw_way(axes: Any, points: Array, **style: Any) -> None:
+    """A line through points, shape (k, 3), mm."""
+    axes.plot(*(points * _METRES).T, **style)
+
+
+def draw_face(axes: Any, corners: Array, color: str) -> None:
+    """A flat polygon, shape (k, 3), mm."""
+    axes.add_collection3d(
+        Poly3DCollection([corners * _METRES], facecolors=color, edgecolors=INK, linewidths=0.5, alpha=0.85)
+    )

@@ -1,0 +1,56 @@
+"""The report of the paper's study as text: results in, strings for the template `paper` out, section by section."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from symcal.report.paper.errata import errata
+from symcal.report.paper.findings import chance, fitness, unseen
+from symcal.report.paper.made import choices, counterparts, made
+from symcal.report.paper.plans import plans
+from symcal.report.paper.robot import robot
+from symcal.report.paper.simulations import simulation_1, simulation_2
+from symcal.report.paper.verdict import key_table, study_verdict
+from symcal.words import plural
+
+__all__ = ["paper_text"]
+
+
+def paper_text(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Everything that the template `paper` prints.
+
+    Args:
+        content: the results dictionary (results.json) of a study.
+    """
+    return {
+        "title": content.get("title") or content["name"],
+        "subtitle": _subtitle(content),
+        "version": content["versions"].get("symcal", ""),
+        "verdict": study_verdict(content),
+        "warnings": list(content.get("warnings", [])),
+        "blocks": [
+            *key_table(content),
+            *robot(content),
+            *plans(content),
+            *simulation_1(content),
+            *simulation_2(content),
+            *unseen(content),
+            *chance(content),
+            *fitness(content),
+            *errata(),
+            *choices(content),
+            *counterparts(),
+            *made(content),
+        ],
+    }
+
+
+def _subtitle(content: Mapping[str, Any]) -> str:
+    found = content["simulation_2"]
+    return (
+        "After L. Ding, E. Li, Z. Liang and M. Tan, “A Novel Kinematic Calibration Method for a Handling Robot Based "
+        f"on Optimal Trajectory Planning”: the same robot, {content['measurement']['poses']['train']} poses, "
+        f"{plural(len(content['simulation_2']['plans']), 'plan')}, both simulations, the second "
+        f"{found['repetitions']} times."
+    )

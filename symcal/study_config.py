@@ -61,7 +61,7 @@ class SearchConfig(Strict):
 
     population: Annotated[int, Field(ge=4)] = 200
     generations: Annotated[int, Field(ge=1)] = 200
-    side_generations: Annotated[int, Field(ge=1)] = 100
+    side_generations: Annotated[int, Field(ge=1)] = 80
     bits: Annotated[int, Field(ge=1, le=52)] = 8
     coding: Literal["binary", "gray", "real"] = "binary"
 

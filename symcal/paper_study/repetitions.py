@@ -66,11 +66,10 @@ def judge(setting: Setting, errors: Array, rng: np.random.Generator) -> Array:
     """Errors at the test poses of identified robots, errors (R, n): per row mean and max against noisy test data, and
     mean, rms and max against truth; shape (R, 5), mm."""
     test, truth = setting.test_poses, setting.test_positions
-    predict = batch_function(setting.model.measurement.predict)
     out = np.empty((len(errors), 5))
     for first in range(0, len(errors), _TOGETHER):
         some = errors[first : first + _TOGETHER]
-        (found,) = predict(
+        (found,) = setting.predict(
             np.tile(test, (len(some), 1)), np.repeat(some, len(test), axis=0), setting.model.setup.vector
         )
         off = found.reshape(len(some), len(test), 3) - truth

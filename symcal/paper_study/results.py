@@ -13,6 +13,7 @@ from symcal.estimation import Fit
 from symcal.evaluate import Statistics, statistics
 from symcal.identifiability import Identifiability
 from symcal.identify import Calibration
+from symcal.kernels import BatchFunction
 from symcal.model import Model
 from symcal.plan_problem import PlanProblem
 from symcal.planned import Planned
@@ -38,15 +39,17 @@ one."""
 class Setting:
     """What all parts of the study share.
 
-    truth: errors of the simulated robot (Table III), shape (n,), mm and rad. sigma: of the noise per axis, mm.
-    count: N, poses of every plan. test_poses: shape (T, dof). test_positions, nominal_positions: where the true and
-    the nominal robot are there, shape (T, 3), mm.
+    predict: (q, x, setup) -> position of the measured point, shape (N, 3), mm. truth: errors of the simulated robot
+    (Table III), shape (n,), mm and rad. sigma: of the noise per axis, mm. count: N, poses of every plan.
+    test_poses: shape (T, dof). test_positions, nominal_positions: where the true and the nominal robot are there,
+    shape (T, 3), mm.
     info, where, accuracy: information of a pose, the feasible set, and the predicted error over the test poses, all at
     nominal. view, arm: camera, target and nominal arm. margin_px, incidence: within which a pose counts as visible, px
     and rad. start: the initial pose, shape (dof,). speeds: shape (dof,).
     """
 
     model: Model
+    predict: BatchFunction
     truth: Array
     noise: Noise
     sigma: float

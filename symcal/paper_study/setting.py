@@ -56,10 +56,11 @@ def study_setting(
     truth = model.parameters.vector(config.truth_of(data, file, document, dict(units), for_truth))
     noise = Noise(data.noise.distribution, data.noise.position * file.units.factor("mm"))
     test = problem.area.sample(for_test, data.test_poses)
-    predict = batch_function(model.measurement.predict, evaluations=0)
+    predict = batch_function(model.measurement.predict)
     return (
         Setting(
             model=model,
+            predict=predict,
             truth=truth,
             noise=noise,
             sigma=noise.sigma(noise.position),
@@ -92,8 +93,7 @@ def _view(scene: Scene, file: ExperimentFile, model: Model) -> CameraView:
 
 def positions(setting: Setting, poses: Array, x: Array) -> Array:
     """Positions of the robot with errors x, shape (N, 3), mm."""
-    predict = batch_function(setting.model.measurement.predict, evaluations=0)
-    return np.asarray(predict(poses, x, setting.model.setup.vector)[0])
+    return np.asarray(setting.predict(poses, x, setting.model.setup.vector)[0])
 
 
 def target_measurement(setting: Setting) -> tuple[measurements.Measurement, measurements.Setup]:

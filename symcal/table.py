@@ -65,7 +65,7 @@ class Table:
                 bad.append(i)
         if bad:
             cell = cells[bad[0]]
-            comma = self.decimal == "." and _NUMBER.fullmatch(cell.replace(",", ".", 1))
+            comma = self.decimal == "." and "," in cell and _NUMBER.fullmatch(cell.replace(",", ".", 1))
             problem = (
                 "an empty cell"
                 if not cell
@@ -117,7 +117,9 @@ class Table:
         """The error for a quantity that no column gives, with the columns that come closest."""
         expected = " or ".join(f"'{stem}_<unit>'" for stem in stems)
         near = [c for c in self.columns for stem in stems if c.lower().startswith(f"{stem.lower()}_")]
-        near = near or get_close_matches(stems[0], self.columns, n=1, cutoff=0.75)
+        if not near:
+            own = {split_unit(c)[0].lower(): c for c in self.columns}
+            near = [own[stem] for stem in get_close_matches(stems[0].lower(), own, n=1, cutoff=0.75)]
         hint = f"; is it '{near[0]}'? then name it so, or map it under 'columns'" if near else ""
         message = f"there is no column for {what}: expected {expected} with a unit of {', '.join(kinds)}{hint}"
         return InputError(message, file=self.path, line=self.head_line, found=", ".join(self.columns))

@@ -27,6 +27,7 @@ Calibrated = Annotated[Path, typer.Argument(metavar="CALIBRATED.yaml", help="cal
 Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="the run's folder [reports/<name>]")]
 Seed = Annotated[int | None, typer.Option("--seed", min=0, help="instead of the file's seed")]
 Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY.PATH=VALUE", help="replace a value of the file")]
+Images = Annotated[list[Path], typer.Argument(metavar="IMAGES...", help="image files, or folders of them")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="no progress and no table")]
 
 
@@ -71,6 +72,60 @@ def plan(
     if not quiet:
         terminal.print_plan(content)
         terminal.output().print(f"written to {escape(str(folder))}")
+
+
+@app.command()
+def camera(
+    images: Images,
+    board: Annotated[str, typer.Option("--board", metavar="BOARD", help="such as chessboard:9x6:25mm (inner corners)")],
+    out: Annotated[Path, typer.Option("--out", metavar="YAML", help="camera file; its page is a PDF beside it")] = Path(
+        "camera.yaml"
+    ),
+    bowed: Annotated[bool, typer.Option("--bowed", help="estimate the board's shape too (slow)")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Calibrate a camera from images of a board, and judge the calibration."""
+    from symcal.camera import parse_board
+    from symcal.camera_calibration import calibrate_from_images, camera_content
+
+    with terminal.spinner(quiet) as progress:
+        done = calibrate_from_images(images, parse_board(board), out, bowed=bowed, progress=progress)
+    if not quiet:
+        terminal.print_camera(camera_content(done.calibration, done.verdict))
+        for path in done.written:
+            terminal.output().print(f"written to {escape(str(path))}")
+
+
+@app.command()
+def measure(
+    images: Images,
+    camera_file: Annotated[Path, typer.Option("--camera", metavar="YAML", help="camera file")],
+    target: Annotated[Path, typer.Option("--target", metavar="YAML", help="target file")],
+    joints: Annotated[Path, typer.Option("--joints", metavar="CSV", help="image names with joint readings")],
+    robot: Annotated[Path, typer.Option("--robot", metavar="YAML", help="robot file")],
+    scene: Annotated[
+        Path | None, typer.Option("--scene", metavar="YAML", help="where the camera roughly is [found from the images]")
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", metavar="CSV", help="measurements")] = Path("measurements.csv"),
+    quiet: Quiet = False,
+) -> None:
+    """Measure a target on the robot's tool in images."""
+    from symcal.measure_files import measure_files
+
+    with terminal.spinner(quiet) as progress:
+        found = measure_files(
+            images,
+            camera=camera_file,
+            target=target,
+            joints=joints,
+            robot=robot,
+            scene=scene,
+            out=out,
+            progress=progress,
+        )
+    if not quiet:
+        terminal.print_measured(found)
+        terminal.output().print(f"written to {escape(str(out))}")
 
 
 @app.command()

@@ -28,6 +28,35 @@ def output() -> Console:
     return console if console.is_terminal else Console(soft_wrap=True, width=160)
 
 
+def print_camera(content: Any) -> None:
+    """The camera's numbers, the verdict, and the views to take again."""
+    console = output()
+    table = Table("", "value", "std. deviation", box=None, pad_edge=False)
+    for name, entry in content["intrinsics"].items():
+        table.add_row(name, f"{entry['value']:.7g}", f"{entry['sigma']:.2g}" if entry["free"] else "held")
+    console.print(table)
+    console.print(f"[bold]{content['grade']}[/bold]: {escape(content['summary'])}")
+    for finding in content["findings"]:
+        console.print(f"  - {escape(finding)}")
+    for entry in content["retake"]:
+        console.print(f"take again: {escape(entry['view'])}: {escape(entry['why'])}")
+
+
+def print_measured(measured: Any) -> None:
+    """How many images were measured, where the camera was found, and every image that failed with its reason."""
+    console = output()
+    data = measured.data
+    seen = data.z.shape[1] // 2
+    console.print(f"{len(data)} images measured, up to {seen} points each")
+    if measured.found:
+        x, y, z = measured.T_world_camera[:3, 3]
+        console.print(f"the camera was found at ({x:.0f}, {y:.0f}, {z:.0f}) mm in world, by the nominal robot")
+    for name, reason in measured.failures:
+        console.print(f"not measured: {escape(name)}: {escape(reason)}")
+    for note in measured.notes:
+        console.print(f"[bold]warning:[/bold] {escape(note)}")
+
+
 def print_study(content: Any) -> None:
     """The paper's simulations: exact, and with noise against random plans and the paper's figures."""
     console = output()

@@ -12,22 +12,25 @@ import numpy as np
 from symcal import config, results
 from symcal.config import ExperimentFile, FileData, SimulatedData
 from symcal.credibility import claim
-from symcal.dataset import Dataset, with_random_test
+from symcal.dataset import Dataset
 from symcal.documents import Document, write_document
 from symcal.errors import InputError, RefusedError
 from symcal.estimation import Options
 from symcal.evaluate import Errors, compare, cross_validate, expected_position_rms
+from symcal.experiment_data import measurements
+from symcal.handover import POSES, Handover, hand_over
+from symcal.handover_results import correction_facts, handover_facts
 from symcal.identify import Calibration, baseline_model, calibrate
-from symcal.measurement_file import load_measurements, save_measurements
+from symcal.measurement_file import save_measurements
 from symcal.model import Model, build_model
 from symcal.plan_problem import plan_problem
 from symcal.planned import Planned, find_plan, plan_generator
 from symcal.planning.plan_file import write_plan
 from symcal.promised import promise_kept
 from symcal.robot import Robot, load_robot, save_robot
+from symcal.run_code import with_code
 from symcal.run_folder import require_replaceable, run_folder, write_json
 from symcal.run_tables import tables
-from symcal.simulate import Noise, concatenate, simulate
 
 Progress = Callable[[str], None]
 
@@ -47,7 +50,11 @@ class Experiment:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What an identification run found. planned: the plan behind simulated data, if they have one."""
+    """What an identification run found.
+
+    planned: the plan behind simulated data, if they have one. handover: what compensation achieves, where the truth is
+        known.
+    """
 
     experiment: Experiment
     data: Dataset
@@ -55,6 +62,7 @@ class Outcome:
     inputs: tuple[Path, ...]
     calibration: Calibration
     errors: Mapping[str, Mapping[str, Errors]]
+    handover: Handover | None
     content: Mapping[str, Any]
 
 
@@ -98,7 +106,7 @@ def run(
         return target, write_study(experiment, target, progress)
     outcome = identify_experiment(experiment, data=data, progress=progress)
     with run_folder(target) as folder:
-        write(outcome, folder, progress)
+        outcome = write(outcome, folder, progress)
     return target, outcome.content
 
 
@@ -107,7 +115,8 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     rng = np.random.default_rng(experiment.seed)
     planned = None if data else plan_of(experiment, progress)
     progress("reading the measurements" if isinstance(experiment.file.data, FileData) or data else "simulating")
-    measured, exact, inputs = _measurements(experiment, data, planned, rng)
+    found = measurements(experiment.file, experiment.document, experiment.model, rng, data=data, planned=planned)
+    measured, exact = found.data, found.exact
     progress("identifying")
     calibration = calibrate(experiment.model, baseline_model(experiment.model), measured, experiment.options)
     errors: dict[str, Mapping[str, Errors]] = {
@@ -127,10 +136,22 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
         except RefusedError as error:
             notes.append(f"cross-validation was not possible: {error}")
     notes += claim(errors)
-    content = _content(
-        experiment, measured, (experiment.document.path, experiment.robot_path, *inputs), calibration, errors, notes
+    handover = None if found.truth is None else _handover(experiment, calibration, found.truth, rng)
+    inputs = (experiment.document.path, experiment.robot_path, *found.inputs)
+    content = _content(experiment, measured, inputs, calibration, errors, notes)
+    content["controller"] = correction_facts(calibration.robot)
+    content["compensation"] = None if handover is None else handover_facts(handover)
+    return Outcome(experiment, measured, planned, found.inputs, calibration, errors, handover, content)
+
+
+def _handover(experiment: Experiment, calibration: Calibration, truth: Robot, rng: np.random.Generator) -> Handover:
+    """Commands over the working area, executed by the true robot."""
+    (own,) = rng.spawn(1)
+    lower, upper = config.area_of(experiment.file, experiment.document, experiment.robot)
+    joints = own.uniform(lower, upper, (POSES, len(lower)))
+    return hand_over(
+        calibration.robot, truth, joints, own, aligned=bool({"base", "camera"} & experiment.model.task.estimate)
     )
-    return Outcome(experiment, measured, planned, inputs, calibration, errors, content)
 
 
 def describe_data(experiment: Experiment) -> tuple[str, ...]:
@@ -146,7 +167,8 @@ def describe_data(experiment: Experiment) -> tuple[str, ...]:
         config.existing(experiment.document, source.file, ("data", "file"), "file of measurements")
     except InputError as error:
         return (str(error),)
-    measured, _, _ = _measurements(experiment, None, None, np.random.default_rng(experiment.seed))
+    rng = np.random.default_rng(experiment.seed)
+    measured = measurements(experiment.file, experiment.document, experiment.model, rng).data
     counts = [f"{measured.split.count(s)} {s}" for s in ("train", "test", "unused") if s in measured.split]
     return (f"{len(measured)} poses ({', '.join(counts)})", *measured.notes)
 
@@ -160,48 +182,6 @@ def plan_of(experiment: Experiment, progress: Progress) -> Planned | None:
     rng = plan_generator(experiment.seed)
     problem = plan_problem(experiment.file, experiment.document, experiment.model, rng)
     return find_plan(problem, wanted.model_copy(update={"random": 0}), rng, progress)
-
-
-def _measurements(
-    experiment: Experiment, data: Path | None, planned: Planned | None, rng: np.random.Generator
-) -> tuple[Dataset, Dataset | None, tuple[Path, ...]]:
-    """The measurements; for simulated ones also the test poses without noise; and the files read."""
-    file, document, model = experiment.file, experiment.document, experiment.model
-    source = file.data
-    if source is None and data is None:
-        message = "there is nothing to identify from: give 'data' here, or measurements with --data"
-        raise InputError(message, file=document.path, key="data")
-    if isinstance(source, SimulatedData) and data is None:
-        lower, upper = config.area_of(file, document, experiment.robot)
-        units = dict(zip(model.parameters.names, model.parameters.units, strict=True))
-        truth = config.truth_of(source, file, document, dict(units), rng)
-        noise = Noise(
-            source.noise.distribution,
-            source.noise.position * file.units.factor("mm"),
-            source.noise.orientation * file.units.factor("rad"),
-        )
-        random = rng.uniform(lower, upper, (file.plan.poses, len(lower)))
-        train = simulate(model, truth, random if planned is None else planned.plan.poses, noise, rng)
-        if not source.test_poses:
-            return train, None, ()
-        q = rng.uniform(lower, upper, (source.test_poses, len(lower)))
-        test = simulate(model, truth, q, noise, rng, "test")
-        return concatenate(train, test), simulate(model, truth, q, Noise(), rng, "test"), ()
-    read = source if isinstance(source, FileData) else FileData(source="file", file=str(data))
-    path = data or config.existing(document, read.file, ("data", "file"), "file of measurements")
-    measured = load_measurements(
-        path,
-        experiment.robot,
-        model.task.kind,
-        point_names=model.task.point_names,
-        columns=read.columns,
-        split=config.split_of(read.split),
-        delimiter=read.delimiter,
-        decimal=read.decimal,
-    )
-    if read.split.test_fraction is not None:
-        measured = with_random_test(measured, read.split.test_fraction, rng)
-    return measured, None, (path,)
 
 
 def _content(
@@ -239,9 +219,16 @@ def _content(
     }
 
 
-def write(outcome: Outcome, folder: Path, progress: Progress) -> None:
-    """Everything a run leaves: numbers, tables, robot, measurements, figures, report."""
+def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
+    """Everything a run leaves: numbers, tables, robot, measurements, C code, figures, report.
+
+    Returns:
+        the outcome, with what became of the C code in its content.
+    """
     experiment, calibration = outcome.experiment, outcome.calibration
+    if experiment.file.outputs.c:
+        progress("exporting C")
+        outcome = replace(outcome, content=with_code(outcome.content, calibration.robot, folder, experiment.seed))
     write_json(folder / "results.json", outcome.content)
     save_robot(_with_provenance(outcome), folder / "calibrated.yaml")
     save_measurements(outcome.data, experiment.robot, folder / "measurements.csv")
@@ -254,16 +241,20 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> None:
     for name, table in tables(outcome.content, calibration, outcome.data, outcome.errors).items():
         table.to_csv(folder / "tables" / f"{name}.csv", index=False)
     if not (experiment.file.outputs.figures or experiment.file.outputs.report):
-        return
+        return outcome
     from symcal.plots import identification_figures
+    from symcal.plots.handover import handover_figures
     from symcal.report import save_figures, write_report
 
     progress("drawing")
     illustrations = identification_figures(calibration, outcome.data, outcome.errors)
+    if outcome.handover is not None:
+        illustrations += handover_figures(outcome.handover)
     pictures = save_figures(illustrations, folder / "figures")
     if experiment.file.outputs.report:
         progress("writing the report")
         write_report(outcome.content, pictures, folder / "report.pdf")
+    return outcome
 
 
 def _with_provenance(outcome: Outcome) -> Robot:

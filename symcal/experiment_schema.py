@@ -147,8 +147,11 @@ class ValidationConfig(Strict):
 
 
 class OutputsConfig(Strict):
+    """What a run leaves beside its numbers; c: the calibrated robot as C code, where nothing speaks against it."""
+
     report: bool = True
     figures: bool = True
+    c: bool = False
 
 
 class ExperimentFile(Strict):

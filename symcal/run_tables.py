@@ -10,6 +10,7 @@ import pandas as pd
 
 from symcal.dataset import Dataset
 from symcal.evaluate import Errors
+from symcal.export.corrections import corrections
 from symcal.identify import Calibration
 from symcal.uncertainty import correlation
 
@@ -17,7 +18,7 @@ from symcal.uncertainty import correlation
 def tables(
     content: Mapping[str, Any], calibration: Calibration, data: Dataset, errors: Mapping[str, Mapping[str, Errors]]
 ) -> dict[str, pd.DataFrame]:
-    """Parameters, accuracy, errors per observation, correlation.
+    """Parameters, accuracy, errors per observation, correlation, and the corrections as a controller asks for them.
 
     Args:
         content: of results.json. errors: by data (`train`, `test`) and state.
@@ -42,6 +43,7 @@ def tables(
         "accuracy": accuracy,
         "errors": _error_table(calibration, data, errors),
         "correlation": matrix,
+        "corrections": corrections(calibration.robot),
     }
 
 

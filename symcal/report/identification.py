@@ -10,6 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from symcal.report.handover import handover_text
 from symcal.report.parameter_table import parameter_table
 from symcal.report.verdict import judging_part, verdict
 from symcal.words import MINUS, fixed, listed, number, plural
@@ -49,6 +50,7 @@ def identification_text(content: Content) -> dict[str, Any]:
         "identifiability": _identifiability(content),
         "parameters": parameter_table(content["identification"]["parameters"]),
         "frames": _frames(content.get("frames", {}), content["measurement"].get("estimate", [])),
+        "handover": handover_text(content),
         "facts": _facts(content),
         "inputs": [[path, digest] for path, digest in content["inputs"].items()],
     }

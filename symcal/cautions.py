@@ -31,10 +31,12 @@ def plausibility(data: Dataset, before: State) -> tuple[str, ...]:
         float(np.sqrt(np.mean(np.sum(values[seen] ** 2, axis=1))))
         for values in (position, _about_centre(measured, seen), _about_centre(measured + position, seen))
     )
-    if reach > 1.0 and spread > 0 and not 1 / 30 < spread / reach < 30:
+    small = reach > 1.0 and 0 < spread < reach / 30
+    large = spread > 30 * max(reach, 1.0) or spread > 30 * max(_size(model, data), LEVER)  # a tool of any length fits
+    if small or large:
         raise RefusedError(
-            f"the measured points spread over {spread:.3g} mm, the robot's over {reach:.3g} mm: the measurements are "
-            "not in the unit that their columns name"
+            f"the measured points spread over {spread:.3g} mm, the robot's over "
+            f"{min(reach, _size(model, data)):.3g} mm: the measurements are not in the unit that their columns name"
         )
     extent = max(reach, LEVER if model.task.kind == "pose" else 1.0)
     if error > 0.1 * extent:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +12,18 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from symcal.camera_files import read_camera, read_target
 from symcal.documents import Document, Key, read_document, validate
 from symcal.errors import InputError
 from symcal.estimation import Options
 from symcal.experiment_schema import ExperimentFile as ExperimentFile
 from symcal.experiment_schema import FileData as FileData
+from symcal.experiment_schema import RenderedData as RenderedData
 from symcal.experiment_schema import SimulatedData as SimulatedData
 from symcal.experiment_schema import SplitConfig
 from symcal.least_squares import Tolerances
 from symcal.measurement_file import Split
-from symcal.model import Task
+from symcal.model import Scene, Task, pixels_task
 from symcal.robot import Robot
 from symcal.units import LENGTH
 from symcal.yaml_dialect import parse_value
@@ -65,7 +68,10 @@ def existing(document: Document, path: str, key: Key, what: str) -> Path:
 
 _PATHS: tuple[tuple[str, ...], ...] = (
     ("robot",),
+    ("measurement", "camera"),
+    ("measurement", "target"),
     ("data", "file"),
+    ("data", "camera"),
     ("plan", "required"),
     ("plan", "candidates"),
     ("plan", "region", "file"),
@@ -108,13 +114,16 @@ def task_of(file: ExperimentFile, document: Document, robot: Robot) -> Task:
         name: (0.0, 0.0, 0.0) if xyz is None else (xyz[0] * length, xyz[1] * length, xyz[2] * length)
         for name, xyz in m.points.items()
     }
-    task = Task(
-        kind=m.type,
-        estimate=frozenset(m.estimate),
-        points=points or {"P": (0.0, 0.0, 0.0)},
-        invert=m.invert,
-        fix=tuple(i.fix),
-    )
+    if m.type == "pixels":
+        task = pixels_task(scene_of(file, document), m.estimate, fix=tuple(i.fix))
+    else:
+        task = Task(
+            kind=m.type,
+            estimate=frozenset(m.estimate),
+            points=points or {"P": (0.0, 0.0, 0.0)},
+            invert=m.invert,
+            fix=tuple(i.fix),
+        )
     try:
         known = _unit_of(task, robot)
     except InputError as error:
@@ -130,7 +139,24 @@ def task_of(file: ExperimentFile, document: Document, robot: Robot) -> Task:
         if name not in known:
             where: Key = ("identification", "fix", index)
             raise document.error("no such parameter in this experiment", where, found=name, allowed=known)
-    return Task(task.kind, task.estimate, task.points, task.invert, task.fix, converted["scales"], converted["priors"])
+    return replace(task, scales=converted["scales"], priors=converted["priors"])
+
+
+def scene_of(file: ExperimentFile, document: Document) -> Scene:
+    """Camera, target and rough camera pose of a pixel measurement.
+
+    Raises:
+        InputError: files that are not there or cannot be read, or a direction of view that is none.
+    """
+    m, units = file.measurement, file.units
+    camera = read_camera(existing(document, str(m.camera), ("measurement", "camera"), "camera file"))
+    target = read_target(existing(document, str(m.target), ("measurement", "target"), "target file"))
+    if m.camera_pose is None:
+        return Scene(camera, target)
+    try:
+        return Scene(camera, target, m.camera_pose.matrix(units.factor("mm"), units.factor("rad")))
+    except InputError as error:
+        raise document.error(error.message, ("measurement", "camera_pose"), found=error.found) from None
 
 
 def _unit_of(task: Task, robot: Robot) -> dict[str, str]:
@@ -145,6 +171,8 @@ def options_of(file: ExperimentFile) -> Options:
         sigma["position"] = noise.position * file.units.factor("mm")
     if noise.orientation is not None:
         sigma["orientation"] = noise.orientation * file.units.factor("rad")
+    if noise.image is not None:
+        sigma["image"] = noise.image
     return Options(solver=i.solver, tolerances=Tolerances(**i.tolerances.model_dump()), loss=i.loss, sigma=sigma)
 
 
@@ -178,7 +206,11 @@ def area_of(file: ExperimentFile, document: Document, robot: Robot) -> tuple[Arr
 
 
 def truth_of(
-    data: SimulatedData, file: ExperimentFile, document: Document, units: Mapping[str, str], rng: np.random.Generator
+    data: SimulatedData | RenderedData,
+    file: ExperimentFile,
+    document: Document,
+    units: Mapping[str, str],
+    rng: np.random.Generator,
 ) -> dict[str, float]:
     """Errors of the simulated robot by parameter name, mm and rad.
 

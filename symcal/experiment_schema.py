@@ -5,13 +5,13 @@ Numbers here are still in the file's units; `symcal.config` converts them.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from symcal.documents import Strict
-from symcal.plan_config import PlanConfig
+from symcal.plan_config import Placement, PlanConfig
 from symcal.study_config import StudyConfig
 from symcal.units import ANGLE, LENGTH, AngleUnit, LengthUnit
 
@@ -28,8 +28,8 @@ class Units(Strict):
     angle: AngleUnit
 
     def factor(self, unit: str) -> float:
-        """mm or rad per unit of the file, for a parameter of unit `mm` or `rad`."""
-        return ANGLE[self.angle] if unit == "rad" else LENGTH[self.length]
+        """mm or rad per unit of the file, for a parameter of unit `mm` or `rad`; 1 for `px` and plain numbers."""
+        return ANGLE[self.angle] if unit == "rad" else LENGTH[self.length] if unit == "mm" else 1.0
 
 
 class KnownNoise(Strict):
@@ -37,6 +37,7 @@ class KnownNoise(Strict):
 
     position: Positive | None = None
     orientation: Positive | None = None
+    image: Positive | None = None
 
 
 class MeasurementConfig(Strict):
@@ -44,13 +45,37 @@ class MeasurementConfig(Strict):
 
     points: tool points in the tool frame by name (`position`); `null` for coordinates that are to be estimated.
     estimate: what of base, tool (mount) and points is unknown. invert: pose data are T_tool_world (eye in hand).
+    Of `pixels`: camera, a camera.yaml; target, a target.yaml; camera_pose, where the camera roughly is in world (plans
+    and simulations need it, identifications find it). Mount (tool), camera and intrinsics are unknown unless `estimate`
+    says otherwise.
     """
 
-    type: Literal["position", "pose"]
+    type: Literal["position", "pose", "pixels"]
     points: dict[str, Triple | None] = {}
-    estimate: list[Literal["base", "tool", "points"]] = []
+    estimate: list[Literal["base", "tool", "points", "camera", "intrinsics"]] = []
     invert: bool = False
     noise: KnownNoise = KnownNoise()
+    camera: str | None = None
+    target: str | None = None
+    camera_pose: Placement | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _unknown_by_default(cls, data: Any) -> Any:
+        if isinstance(data, dict) and data.get("type") == "pixels" and "estimate" not in data:
+            return data | {"estimate": ["tool", "camera", "intrinsics"]}
+        return data
+
+    @model_validator(mode="after")
+    def _scene(self) -> MeasurementConfig:
+        given = [name for name in ("camera", "target", "camera_pose") if getattr(self, name) is not None]
+        if self.type == "pixels" and (self.camera is None or self.target is None):
+            raise PydanticCustomError("scene", "a pixel measurement needs 'camera' and 'target', files of theirs")
+        if self.type != "pixels" and given:
+            raise PydanticCustomError("scene", "'{name}' belongs to pixel measurements", {"name": given[0]})
+        if self.type == "pixels" and self.points:
+            raise PydanticCustomError("scene", "a pixel measurement has the points of its target: leave them out")
+        return self
 
 
 class SplitConfig(Strict):
@@ -98,6 +123,7 @@ class SimulatedNoise(Strict):
     distribution: Literal["normal", "uniform"] = "normal"
     position: Annotated[float, Field(ge=0)] = 0.0
     orientation: Annotated[float, Field(ge=0)] = 0.0
+    image: Annotated[float, Field(ge=0)] = 0.0
 
 
 class SimulatedData(Strict):
@@ -108,6 +134,35 @@ class SimulatedData(Strict):
     truth: Truth
     noise: SimulatedNoise = SimulatedNoise()
     test_poses: Annotated[int, Field(ge=0)] = 1000
+
+
+class ImageLook(Strict):
+    """How rendered images are lit and taken: see `symcal.vision.render.Look`."""
+
+    black: Annotated[float, Field(ge=0, le=1)] = 0.1
+    white: Annotated[float, Field(ge=0, le=1)] = 0.85
+    background: Annotated[float, Field(ge=0, le=1)] = 0.4
+    blur_px: Annotated[float, Field(ge=0)] = 0.7
+    noise: Annotated[float, Field(ge=0)] = 0.01
+    vignetting: Annotated[float, Field(ge=0, le=1)] = 0.1
+
+
+class RenderedData(Strict):
+    """Images made by the program: a board for the camera's calibration, then the target at the planned poses.
+
+    camera: a camera.yaml with the true numbers, which the identification is not told. board: as `symcal camera` has it.
+    truth: errors of the robot, and of camera pose and mount (`camera_x`, `tool_rx`, ...) from the nominal ones.
+    test_poses: unseen visible poses at which the result is judged against the truth. examples: images that are kept.
+    """
+
+    source: Literal["rendered"]
+    truth: Truth
+    camera: str
+    board: str
+    views: Annotated[int, Field(ge=3)] = 27
+    image: ImageLook = ImageLook()
+    test_poses: Annotated[int, Field(ge=3)] = 200
+    examples: Annotated[int, Field(ge=0)] = 4
 
 
 class TolerancesConfig(Strict):
@@ -165,7 +220,7 @@ class ExperimentFile(Strict):
     robot: str
     measurement: MeasurementConfig
     plan: PlanConfig = PlanConfig()
-    data: Annotated[FileData | SimulatedData, Field(discriminator="source")] | None = None
+    data: Annotated[FileData | SimulatedData | RenderedData, Field(discriminator="source")] | None = None
     identification: IdentificationConfig = IdentificationConfig()
     validation: ValidationConfig = ValidationConfig()
     study: StudyConfig | None = None

@@ -7,12 +7,17 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import AfterValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from symcal.camera_files import Distortion, Intrinsics, Lens, Triangle
 from symcal.documents import Strict
 from symcal.robot_schema import Frame
+from symcal.spatial import look_at
+
+Array = NDArray[np.float64]
 
 MethodName = Literal["certified", "combined", "exchange", "refine", "genetic", "random"]
 CriterionName = Literal["D", "A", "E", "cond", "O1", "O2", "O3", "O4", "O5", "I", "G", "J"]
@@ -37,6 +42,7 @@ class NominalNoise(Strict):
 
     position: _Positive | None = None
     orientation: _Positive | None = None
+    image: _Positive | None = None
 
 
 class AreaRegion(Strict):
@@ -82,6 +88,18 @@ class Placement(Strict):
         if looking == (self.frame is not None) or (partly and not looking):
             raise PydanticCustomError("placement", "give 'position' and 'look_at', or a 'frame'")
         return self
+
+    def matrix(self, length: float, angle: float) -> Array:
+        """T_world_camera, shape (4, 4), mm.
+
+        Args:
+            length, angle: mm and rad per unit of the file.
+        Raises:
+            InputError: a direction of view that is none.
+        """
+        if self.frame is not None:
+            return self.frame.matrix(length, angle)
+        return look_at(np.array(self.position) * length, np.array(self.look_at) * length)
 
 
 class TargetShape(Strict):
@@ -133,6 +151,14 @@ class CameraConstraint(Strict):
         return self
 
 
+class ViewLimits(Strict):
+    """What the measurement's own camera can measure: as of a `CameraConstraint`."""
+
+    margin_px: _NotNegative = 30.0
+    depth: _Pair | None = None
+    incidence: _Positive | None = None
+
+
 class KeepOutBox(Strict):
     """A box in world that no link may enter: its centre as a frame, its edges; margin: the arm's own thickness."""
 
@@ -172,9 +198,10 @@ class CoverageConfig(Strict):
 
 
 class Constraints(Strict):
-    """What a pose must satisfy to be measured, beyond the working area."""
+    """What a pose must satisfy to be measured, beyond the working area; `view` is about pixel measurements."""
 
     camera: CameraConstraint | None = None
+    view: ViewLimits = ViewLimits()
     keep_out: list[KeepOutBox] = []
     planes: list[KeepOutPlane] = []
     coverage: CoverageConfig | None = None

@@ -105,7 +105,7 @@ def plan_experiment(experiment: Experiment, progress: Progress = lambda _: None)
     problem = plan_problem(experiment.file, experiment.document, experiment.model, rng)
     planned = find_plan(problem, wanted, rng, progress)
     for_methods, for_promise, for_field = rng.spawn(3)
-    accuracy = region_accuracy(problem.info, problem.region)
+    accuracy = region_accuracy(problem.info, problem.region, aligned=problem.aligned)
     methods = {planned.plan.method: planned.plan}
     for name, stream in zip(wanted.compare, for_methods.spawn(len(wanted.compare)), strict=True):
         if name not in methods:

@@ -16,10 +16,10 @@ from symcal.camera_files import CameraFile, ImageUnits, TargetFile, read_camera,
 from symcal.config import ExperimentFile, SimulatedData
 from symcal.documents import Document, Key
 from symcal.errors import InputError, RefusedError
-from symcal.model import Model
+from symcal.model import Model, Scene
 from symcal.plan_config import AreaRegion, BoxRegion, CameraConstraint, KeepOutBox, KeepOutPlane
 from symcal.planning.area import Feasible, WorkingArea
-from symcal.planning.camera_view import CameraView, camera_view, look_at
+from symcal.planning.camera_view import CameraView, camera_view
 from symcal.planning.clearance import keep_out, plane
 from symcal.planning.constraints import Constraint, feasible, insist, joint_limits
 from symcal.planning.information import PoseInformation, pose_information
@@ -68,6 +68,11 @@ class PlanProblem:
         return self.info.measurement.chain.robot
 
     @property
+    def aligned(self) -> bool:
+        """Whether errors are meant after one rigid alignment: the measurement cannot tell where the world is."""
+        return self.info.measurement.kind == "pixels"
+
+    @property
     def feasible(self) -> Feasible | None:
         return feasible(self.measuring) if self.measuring else None
 
@@ -90,6 +95,8 @@ def plan_problem(file: ExperimentFile, document: Document, model: Model, rng: np
     if plan.constraints.camera is not None:
         view, seen = _camera(plan.constraints.camera, file, document, model, inputs)
         measuring = seen
+    elif model.task.scene is not None:
+        view, measuring = _own_camera(model.task.scene, file, document, model)
     measuring = (*measuring, *moving)
     mask = feasible(measuring) if measuring else None
     required, required_names = _required(file, document, robot, measuring, inputs)
@@ -132,12 +139,14 @@ def nominal_noise(file: ExperimentFile, model: Model) -> dict[str, float]:
     known = {
         "position": measured.position or planned.position,
         "orientation": measured.orientation or planned.orientation,
+        "image": measured.image or planned.image,
     }
     if isinstance(file.data, SimulatedData):
         noise = file.data.noise
         root = 3**-0.5 if noise.distribution == "uniform" else 1.0
         known["position"] = known["position"] or noise.position * root
         known["orientation"] = known["orientation"] or noise.orientation * root
+        known["image"] = known["image"] or noise.image * root
     out: dict[str, float] = {}
     for group in model.measurement.groups:
         value = known.get(group.name)
@@ -233,6 +242,8 @@ def _required(
     file: ExperimentFile, document: Document, robot: Robot, measuring: Sequence[Constraint], inputs: list[Path]
 ) -> tuple[Array, tuple[str, ...]]:
     wanted, key = file.plan.required, ("plan", "required")
+    if not wanted:
+        return np.zeros((0, robot.dof)), ()
     if isinstance(wanted, str):
         path = config.existing(document, wanted, key, "file of required poses")
         inputs.append(path)
@@ -298,16 +309,28 @@ def _camera(
         given = wanted.model_dump(include={"width", "height", "intrinsics", "lens", "distortion"}, exclude_none=True)
         camera = CameraFile(units=ImageUnits(image="px"), **given).camera()
     target, mount = _target(wanted, file, document, key, inputs)
-    place = wanted.placement
     with _at(document, (*key, "placement")):
-        if place.frame is not None:
-            T_world_camera = place.frame.matrix(length, angle)
-        else:
-            T_world_camera = look_at(np.array(place.position) * length, np.array(place.look_at) * length)
+        T_world_camera = wanted.placement.matrix(length, angle)
     view = camera_view(model.measurement.chain, model.setup, camera, T_world_camera, target, mount)
     depth = (0.0, np.inf) if wanted.depth is None else (wanted.depth[0] * length, wanted.depth[1] * length)
     incidence = np.deg2rad(_INCIDENCE) if wanted.incidence is None else wanted.incidence * angle
     return view, visibility(view, margin=wanted.margin_px, depth=depth, incidence=incidence)
+
+
+def _own_camera(
+    scene: Scene, file: ExperimentFile, document: Document, model: Model
+) -> tuple[CameraView, tuple[Constraint, ...]]:
+    """The camera of a pixel measurement, where the experiment says that it roughly is."""
+    if scene.T_world_camera is None:
+        message = "planning needs to know roughly where the camera is"
+        raise document.error(message, ("measurement", "camera_pose"))
+    limits, length = file.plan.constraints.view, file.units.factor("mm")
+    view = camera_view(
+        model.measurement.chain, model.setup, scene.camera, scene.T_world_camera, scene.target, np.eye(4)
+    )
+    depth = (0.0, np.inf) if limits.depth is None else (limits.depth[0] * length, limits.depth[1] * length)
+    incidence = np.deg2rad(_INCIDENCE) if limits.incidence is None else limits.incidence * file.units.factor("rad")
+    return view, visibility(view, margin=limits.margin_px, depth=depth, incidence=incidence)
 
 
 def _target(

@@ -87,8 +87,8 @@ def search(
     def told(seconds: float, value: float) -> None:
         progress(f"searching ({method}): {name} = {value:.6g} after {seconds:.1f} s")
 
-    guarded = {} if wanted.unmodelled is None else {"unmodelled": wanted.unmodelled}
-    return select_poses(
+    select = select_poses if wanted.unmodelled is None else partial(select_poses, unmodelled=wanted.unmodelled)
+    return select(
         problem.info,
         wanted.poses,
         rng,
@@ -96,6 +96,7 @@ def search(
         methods=search_methods(problem, wanted.genetic),
         criterion=wanted.criterion,
         region=problem.region,
+        aligned=problem.aligned,
         feasible=problem.feasible,
         required=problem.required if required is None else required,
         candidates=problem.candidates,
@@ -103,7 +104,6 @@ def search(
         sample=wanted.sample,
         random=random,
         progress=told,
-        **guarded,
     )
 
 

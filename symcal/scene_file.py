@@ -11,7 +11,6 @@ from pydantic import Field
 
 from symcal.documents import Strict, read_document, validate
 from symcal.plan_config import Placement
-from symcal.planning.camera_view import look_at
 from symcal.robot_schema import Units
 from symcal.units import ANGLE, LENGTH
 
@@ -26,19 +25,6 @@ class SceneFile(Strict):
     camera: Placement
 
 
-def placement_matrix(place: Placement, length: float, angle: float) -> Array:
-    """T_world_camera, shape (4, 4), mm.
-
-    Args:
-        length, angle: mm and rad per unit of the file.
-    Raises:
-        InputError: a direction of view that is none.
-    """
-    if place.frame is not None:
-        return place.frame.matrix(length, angle)
-    return look_at(np.array(place.position) * length, np.array(place.look_at) * length)
-
-
 def read_scene(path: Path | str) -> Array:
     """T_world_camera of a scene.yaml, shape (4, 4), mm.
 
@@ -47,4 +33,4 @@ def read_scene(path: Path | str) -> Array:
     """
     document = read_document(path)
     file = validate(document, SceneFile)
-    return placement_matrix(file.camera, LENGTH[file.units.length], ANGLE[file.units.angle])
+    return file.camera.matrix(LENGTH[file.units.length], ANGLE[file.units.angle])

@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from symcal.errors import InputError
+
 SX = ca.SX
 Array = NDArray[np.float64]
 
@@ -170,3 +172,17 @@ def matrix_pose(t: Array) -> Array:
     """Poses (x, y, z, qx, qy, qz, qw), shape (..., 7), mm, of T (..., 4, 4); the scalar part is never negative."""
     quaternion = Rotation.from_matrix(t[..., :3, :3]).as_quat(canonical=True)
     return np.concatenate([t[..., :3, 3], quaternion], axis=-1)
+
+
+def look_at(eye: Array, goal: Array, up: Array = np.array([0.0, 0.0, 1.0])) -> Array:
+    """T_world_camera of a camera at ``eye`` that looks at ``goal``, upright with respect to ``up``; (4, 4), mm.
+
+    Raises:
+        InputError: the view is along ``up``, or eye and goal are the same point.
+    """
+    z = np.asarray(goal, dtype=np.float64) - eye
+    x = np.cross(z, up)
+    if np.linalg.norm(z) == 0 or np.linalg.norm(x) < 1e-9 * np.linalg.norm(z):
+        raise InputError("the direction of view must not be zero or parallel to 'up'", key="look_at", found=list(goal))
+    z, x = z / np.linalg.norm(z), x / np.linalg.norm(x)
+    return transform(np.column_stack([x, np.cross(z, x), z]), np.asarray(eye, dtype=np.float64))

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from symcal import spatial
 from symcal.camera import Camera, Target, project_points
-from symcal.errors import InputError
 from symcal.kernels import BatchFunction, batch_function
 from symcal.kinematics import Chain
 from symcal.measurements import Setup
+from symcal.spatial import look_at as look_at
 
 Array = NDArray[np.float64]
 
@@ -108,17 +108,3 @@ def triangle_area(pixels: Array) -> Array:
     """
     a, b = pixels[..., 1, :] - pixels[..., 0, :], pixels[..., 2, :] - pixels[..., 0, :]
     return np.asarray(np.abs(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]))
-
-
-def look_at(eye: Array, goal: Array, up: Array = np.array([0.0, 0.0, 1.0])) -> Array:
-    """T_world_camera of a camera at ``eye`` that looks at ``goal``, upright with respect to ``up``; (4, 4), mm.
-
-    Raises:
-        InputError: the view is along ``up``, or eye and goal are the same point.
-    """
-    z = np.asarray(goal, dtype=np.float64) - eye
-    x = np.cross(z, up)
-    if np.linalg.norm(z) == 0 or np.linalg.norm(x) < 1e-9 * np.linalg.norm(z):
-        raise InputError("the direction of view must not be zero or parallel to 'up'", key="look_at", found=list(goal))
-    z, x = z / np.linalg.norm(z), x / np.linalg.norm(x)
-    return spatial.transform(np.column_stack([x, np.cross(z, x), z]), np.asarray(eye, dtype=np.float64))

@@ -29,7 +29,7 @@ from symcal.planned import Planned, find_plan, plan_generator, search
 from symcal.planning.band import RandomBand, random_band
 from symcal.planning.methods import fewest_poses
 from symcal.planning.plan_file import write_plan, write_waypoints
-from symcal.planning.promise import PosesNeeded, Promise, poses_needed, promise
+from symcal.planning.promise import PosesNeeded, Promise, ground, poses_needed, promise
 from symcal.planning.region import Accuracy, region_accuracy
 from symcal.planning.search import Plan
 from symcal.run_folder import run_folder, write_json
@@ -138,11 +138,12 @@ def _promise(
     """What fewer and more poses promise; nothing among candidates, whose number is what it is."""
     if problem.candidates is not None:
         return None, None, ()
-    for_counts, for_band, for_needed = rng.spawn(3)
+    for_ground, for_counts, for_band, for_needed = rng.spawn(4)
     info, asked = problem.info, wanted.promise
     counts = sorted(set(asked.counts)) or _counts(fewest_poses(info), wanted.poses)
     objective = wanted.criterion if wanted.criterion not in (None, "J") else "D"
     progress("foretelling errors against the number of poses")
+    known = ground(info, for_ground, region=problem.region, feasible=problem.feasible)
     foretold = promise(
         info,
         counts,
@@ -151,9 +152,11 @@ def _promise(
         region=problem.region,
         feasible=problem.feasible,
         random=asked.random,
+        known=known,
         progress=lambda count: progress(f"foretelling: {count} poses"),
     )
-    band = random_band(info, accuracy, counts, max(asked.random, 100), for_band, feasible=problem.feasible)
+    foretold = _determined(foretold)
+    band = random_band(info, accuracy, foretold.counts, max(asked.random, 100), for_band, feasible=problem.feasible)
     needed = []
     for millimetres, stream in zip(asked.accuracy, for_needed.spawn(len(asked.accuracy)), strict=True):
         progress(f"how many poses for {millimetres:g}?")
@@ -163,11 +166,31 @@ def _promise(
                 millimetres,
                 stream,
                 figure=asked.figure,
-                region=problem.region,
                 feasible=problem.feasible,
+                known=known,
             )
         )
     return foretold, band, tuple(needed)
+
+
+def _determined(foretold: Promise) -> Promise:
+    """Without numbers of poses that give enough equations and still leave a direction all but open."""
+    far = 100 * np.array(foretold.bound_mean_mm)
+    keep = [i for i, error in enumerate(foretold.best_mean_mm) if error < far[i]]
+
+    def kept(values: tuple[float, ...]) -> tuple[float, ...]:
+        return tuple(values[i] for i in keep)
+
+    return Promise(
+        counts=tuple(foretold.counts[i] for i in keep),
+        best_mean_mm=kept(foretold.best_mean_mm),
+        best_worst_mm=kept(foretold.best_worst_mm),
+        random_mean_mm=kept(foretold.random_mean_mm),
+        random_worst_mm=kept(foretold.random_worst_mm),
+        bound_mean_mm=kept(foretold.bound_mean_mm),
+        bound_worst_mm=kept(foretold.bound_worst_mm),
+        hidden_mm=foretold.hidden_mm,
+    )
 
 
 def _counts(fewest: int, poses: int) -> list[int]:

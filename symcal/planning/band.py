@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 LOW, HIGH = 0.05, 0.95
 """Between these quantiles lie nine tenths of the random plans."""
 
-_SINGULAR = 1e14
+_SINGULAR = 1e12
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from symcal.errors import InputError, RefusedError
 from symcal.planning.area import Feasible
 from symcal.planning.criteria import criterion
-from symcal.planning.floor import error_floor
+from symcal.planning.floor import ErrorFloor, error_floor
 from symcal.planning.information import PoseInformation
 from symcal.planning.maximum import FeasibleSet, feasible_set
 from symcal.planning.methods import METHODS, Task, fewest_poses
@@ -27,7 +27,15 @@ LARGEST_PLAN = 1000
 """Poses beyond which `poses_needed` gives up: hardly anybody measures more."""
 
 _SAMPLE = 2500  # poses that stand for the feasible set: fewer than for one plan, since many are made here
-_CORRECTIONS = 4  # of the number that random plans need, which is found by the law 1/sqrt(N)
+
+
+@dataclass(frozen=True, slots=True)
+class Ground:
+    """What every promise for one measurement and region stands on, whatever the number of poses; made by `ground`."""
+
+    accuracy: Accuracy
+    where: FeasibleSet
+    floor: ErrorFloor
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,20 +86,21 @@ def promise(
     aligned: bool = False,
     feasible: Feasible | None = None,
     random: int = 50,
+    known: Ground | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Promise:
     """Predicted errors of the best and of random plans for several numbers of poses.
 
     Args:
         counts: numbers of poses, each enough to determine what is identifiable. objective: a criterion. random: plans
-            per number. progress: told each number when it is done. Others: as for
-            `symcal.planning.search.select_poses`.
+            per number. known: the ground, if it was made before. progress: told each number when it is done. Others: as
+            for `symcal.planning.search.select_poses`.
     Raises:
         RefusedError: a number of poses is too small.
     """
-    for_setting, for_bound, *for_counts = rng.spawn(2 + len(counts))
-    accuracy, where = _setting(info, for_setting, region, aligned, feasible)
-    floor = error_floor(info, accuracy, where, for_bound)
+    for_ground, *for_counts = rng.spawn(1 + len(counts))
+    known = known or ground(info, for_ground, region=region, aligned=aligned, feasible=feasible)
+    accuracy, where, floor = known.accuracy, known.where, known.floor
     best, others = [], []
     for count, own in zip(counts, for_counts, strict=True):
         if count < fewest_poses(info):
@@ -126,6 +135,7 @@ def poses_needed(
     region: TaskRegion | None = None,
     aligned: bool = False,
     feasible: Feasible | None = None,
+    known: Ground | None = None,
 ) -> PosesNeeded:
     """How many poses bring the predicted error down to a target.
 
@@ -138,9 +148,9 @@ def poses_needed(
     """
     if not target_mm > 0:
         raise InputError("the target must be a positive length in mm", key="target", found=target_mm)
-    for_setting, for_bound, for_random, for_search = rng.spawn(4)
-    accuracy, where = _setting(info, for_setting, region, aligned, feasible)
-    floor = error_floor(info, accuracy, where, for_bound)
+    for_ground, for_random, for_search = rng.spawn(3)
+    known = known or ground(info, for_ground, region=region, aligned=aligned, feasible=feasible)
+    accuracy, where, floor = known.accuracy, known.where, known.floor
     bound = floor.mean if figure == "mean" else floor.worst
     at_least = next((n for n in range(fewest_poses(info), LARGEST_PLAN + 1) if bound(n) <= target_mm), None)
     if at_least is None:
@@ -170,29 +180,54 @@ def poses_needed(
         if fewer[2] > target_mm:
             break
         count, (poses, prediction, error) = count - 1, fewer
-    needed: int | None = 2 * count
-    for _ in range(_CORRECTIONS):
-        task = _task(info, accuracy, where, objective, min(needed, LARGEST_PLAN) if needed else LARGEST_PLAN)
-        typical = random_plans(info, accuracy, task, floor.logdet_upper_bound, 100, for_random)
-        error = _figure(typical, figure)
-        # an infinite median: random plans of this size do not determine everything
-        needed = math.ceil(task.count * (error / target_mm) ** 2) if math.isfinite(error) else 2 * task.count
+
+    def typical(size: int) -> float:
+        """Infinite where half of the random plans do not determine everything."""
+        task = _task(info, accuracy, where, objective, size)
+        return _figure(random_plans(info, accuracy, task, floor.logdet_upper_bound, 100, for_random), figure)
+
     return PosesNeeded(
         target_mm=target_mm,
         figure=figure,
         count=count,
         at_least=at_least,
-        random=needed if needed is not None and needed <= LARGEST_PLAN else None,
+        random=_fewest_random(typical, at_least, target_mm),
         poses=poses,
         prediction=prediction,
     )
 
 
-def _setting(
-    info: PoseInformation, rng: np.random.Generator, region: TaskRegion | None, aligned: bool, feasible: Feasible | None
-) -> tuple[Accuracy, FeasibleSet]:
-    region = area_region(info.area, rng, feasible=feasible) if region is None else region
-    return region_accuracy(info, region, aligned=aligned), feasible_set(info.area, rng, _SAMPLE, feasible)
+def _fewest_random(typical: Callable[[int], float], at_least: int, target_mm: float) -> int | None:
+    """The first number of poses whose typical error keeps the target, by doubling and halving; None if beyond
+    `LARGEST_PLAN`."""
+    failed, enough = at_least - 1, at_least
+    while typical(enough) > target_mm:
+        if enough == LARGEST_PLAN:
+            return None
+        failed, enough = enough, min(2 * enough, LARGEST_PLAN)
+    while enough - failed > 1:
+        middle = (failed + enough) // 2
+        if typical(middle) > target_mm:
+            failed = middle
+        else:
+            enough = middle
+    return enough
+
+
+def ground(
+    info: PoseInformation,
+    rng: np.random.Generator,
+    *,
+    region: TaskRegion | None = None,
+    aligned: bool = False,
+    feasible: Feasible | None = None,
+) -> Ground:
+    """Accuracy over the region, a sample of the feasible set, and the bounds that no plan is below."""
+    for_set, for_bound = rng.spawn(2)
+    region = area_region(info.area, for_set, feasible=feasible) if region is None else region
+    accuracy = region_accuracy(info, region, aligned=aligned)
+    where = feasible_set(info.area, for_set, _SAMPLE, feasible)
+    return Ground(accuracy, where, error_floor(info, accuracy, where, for_bound))
 
 
 def _task(info: PoseInformation, accuracy: Accuracy, where: FeasibleSet, objective: str, count: int) -> Task:

@@ -11,6 +11,7 @@ from symcal.words import fixed, listed, number, plural, symbol
 Content = Mapping[str, Any]
 
 _MOST = 6  # decimals
+_NOTHING = 1e-9  # mm or deg: rounding of a number that was not identified
 _STATES = {
     "before": "before the calibration",
     "without": "calibrated, commands not compensated",
@@ -50,7 +51,9 @@ def handover_text(content: Content) -> dict[str, Any] | None:
     return {
         "corrections": _corrections(controller["corrections"]),
         "gate": _gate(controller["doubts"]),
-        "compensation": _compensation(content["compensation"]) if content.get("compensation") else None,
+        "compensation": _compensation(content["compensation"], _apart(content))
+        if content.get("compensation")
+        else None,
         "code": _code(controller["code"]) if controller.get("code") else None,
     }
 
@@ -59,6 +62,7 @@ def handover_text(content: Content) -> dict[str, Any] | None:
 
 
 def _corrections(entries: Sequence[Content]) -> dict[str, Any]:
+    entries = [e for e in entries if e["sigma"] is not None or abs(e["correction"]) > _NOTHING]
     places = {unit: _decimals([e for e in entries if e["unit"] == unit]) for unit in ("mm", "deg")}
     rows = []
     for entry in entries:
@@ -106,7 +110,13 @@ def _gate(doubts: Sequence[str]) -> str:
 # -------------------------------------------------------------------------------------------------------- compensation
 
 
-def _compensation(found: Content) -> dict[str, Any]:
+def _apart(content: Content) -> float:
+    """Distance of the nearest measured point from the origin of the tool frame, mm."""
+    points = content.get("frames", {}).get("points_mm", {})
+    return min((math.hypot(*xyz) for xyz in points.values()), default=0.0)
+
+
+def _compensation(found: Content, apart: float) -> dict[str, Any]:
     states = [state for state in _STATES if found.get(state)]
     quantities = ["position_mm"] + ["orientation_deg"] * all("orientation_deg" in found[s] for s in states)
     rows = []
@@ -116,7 +126,7 @@ def _compensation(found: Content) -> dict[str, Any]:
         if state == "after_reached":
             label += f" ({plural(found[state]['position_mm']['count'], 'pose')})"
         rows.append({"label": label, "cells": cells, "strong": state == "after"})
-    return {"rows": rows, "angles": len(quantities) > 1, "text": _achieved(found), "note": _note(found)}
+    return {"rows": rows, "angles": len(quantities) > 1, "text": _achieved(found), "note": _note(found, apart)}
 
 
 def _achieved(found: Content) -> str:
@@ -135,7 +145,7 @@ def _achieved(found: Content) -> str:
     return text
 
 
-def _note(found: Content) -> str:
+def _note(found: Content, apart: float) -> str:
     text = (
         "Distance of the true robot's tool (the origin of the tool frame) from where the nominal robot would be, "
         "against the simulated truth, in the base frame."
@@ -144,6 +154,11 @@ def _note(found: Content) -> str:
         text += (
             " The base was estimated, so the base frame is where the measurement puts it: errors are taken after one "
             "rigid motion that lays the model's positions on the true ones."
+        )
+    if apart > 0:
+        text += (
+            f" What was measured stands {number(apart)} mm from that origin, and what it does not tell of the origin "
+            "is in these errors."
         )
     if not found["orientation_compensated"]:
         text += " The position is compensated, the orientation is not: it follows."

@@ -34,8 +34,8 @@ def _main(content: Content) -> str:
     bound = plan["criterion_efficiency_lower_bound"]
     if plan["criterion"] == "D" or bound is None:
         text = (
-            f"These {n} poses carry at least {percent(plan['d_efficiency_lower_bound'])} of the information that "
-            f"{which} can carry (D-efficiency, a proven bound)"
+            f"These {n} poses are at least {percent(plan['d_efficiency_lower_bound'])} as good as {which} can be "
+            "(D-efficiency, a proven bound)"
         )
         return text + ("." if plan["criterion"] == "D" else f"; for criterion {plan['criterion']} no bound is known.")
     return (

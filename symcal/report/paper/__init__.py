@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from symcal.report.paper.chance import chance
 from symcal.report.paper.errata import errata
-from symcal.report.paper.findings import chance, fitness, unseen
+from symcal.report.paper.fitness import fitness
 from symcal.report.paper.made import choices, counterparts, made
 from symcal.report.paper.plans import plans
 from symcal.report.paper.robot import robot
 from symcal.report.paper.simulations import simulation_1, simulation_2
+from symcal.report.paper.unseen import unseen
 from symcal.report.paper.verdict import key_table, study_verdict
 from symcal.words import plural
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from symcal.paper_study import published
 from symcal.report.paper.blocks import Block, Row, figures, heading, paragraph, row, table
-from symcal.words import fixed, listed, number, symbol
+from symcal.words import fixed, listed, number, plural, symbol
 
 Content = Mapping[str, Any]
 
@@ -18,7 +18,7 @@ _ABSENT = "×"
 def robot(content: Content) -> list[Block]:
     """Model, ranges, vision set-up."""
     rows, differing = _table_1(content)
-    position = content["nominal_pose"]["position_mm"]
+    position, links = content["nominal_pose"]["position_mm"], content["model"]["links"]
     agree = (
         "Every entry is the paper's."
         if not differing
@@ -27,9 +27,9 @@ def robot(content: Content) -> list[Block]:
     return [
         heading("The robot and its measurement"),
         paragraph(
-            "Five joints, turning waist, lift, reach, turning elbow and wrist, each link one transform "
-            "T = Rz(θ) Tz(d) Tx(a) Rx(α) Ry(β) from the frame before to its own (the paper's MDH: distal, with "
-            "Hayati's β where neighbouring axes are parallel). A link has only the parameters that its transform "
+            f"{plural(len(links), 'joint').capitalize()} ({listed([link['joint'] for link in links])}), each link one "
+            "transform T = Rz(θ) Tz(d) Tx(a) Rx(α) Ry(β) from the frame before to its own (the paper's MDH: distal, "
+            "with Hayati's β where neighbouring axes are parallel). A link has only the parameters that its transform "
             "contains. The position of the last origin is measured; at the initial pose the nominal robot has it at "
             f"({', '.join(fixed(v, 3) for v in position)}) mm. The paper's Fig. 1 and Fig. 2 show the machine and its "
             "frames; the numbers of both are in [@table_1]."
@@ -42,7 +42,7 @@ def robot(content: Content) -> list[Block]:
             ["link", "joint", "θ / °", "α / °", "a / mm", "d / mm", "β / °"],
             rows,
             left=(0, 1),
-            wide=(1,),
+            wide=(1, 2, 3, 4, 5, 6),
         ),
         table(
             "table_2",
@@ -52,6 +52,7 @@ def robot(content: Content) -> list[Block]:
             ["joint", "variable", "paper", "ours", "working area (ours)"],
             _table_2(content),
             left=(0, 1),
+            wide=(0, 1, 2, 3, 4),
         ),
         figures("paper_vision"),
     ]

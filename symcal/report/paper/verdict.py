@@ -65,21 +65,24 @@ def _second(content: Content) -> str:
     return (
         f"With its noise the certified plan leaves {number(best['measured_mean_mm']['median'])} mm in the mean and "
         f"{number(best['measured_max_mm']['median'])} mm at most against noisy test data (median of "
-        f"{two['repetitions']} repetitions; paper: {paper['mean_mm']} and {paper['max_mm']} mm), of which "
-        f"{number(two['noise']['mean_norm_mm'])} mm in the mean are the test data's own noise; against truth the robot "
-        f"is off by {number(best['true_rms_mm']['median'])} mm rms."
+        f"{two['repetitions']} repetitions; paper: {paper['mean_mm']} and {paper['max_mm']} mm), where a "
+        f"perfect robot would show {number(two['noise']['mean_norm_mm'])} mm in the mean, the test data's own noise; "
+        f"against truth the robot is off by {number(best['true_rms_mm']['median'])} mm rms."
     )
 
 
 def _rank(content: Content) -> str:
     seen = content["gauge"]["nominal"]
-    text = f"Positions of one point determine {seen['rank']} of {seen['parameters']} error parameters."
+    text = (
+        f"Positions of one point determine {seen['rank']} combinations of the {seen['parameters']} error parameters, "
+        "the other directions are unseen."
+    )
     judged = content["simulation_2"]["paper"]["optimal"]["parameters_at_our_test_poses"]
     far = far_parameters(content)
     if judged and far:
         text += (
-            f" The paper's Table V is right about positions and wrong about {listed([symbol(n) for n in far])}: a "
-            f"robot with its values is off by {number(judged['mean_mm'])} mm in the mean at our test poses, although "
+            f" The paper's Table V predicts positions and is wrong about {listed([symbol(n) for n in far])}: a robot "
+            f"with its values is off by {number(judged['mean_mm'])} mm in the mean at our test poses, although "
             f"{symbol(far[0])} is off by {_off(content, far[0])}."
         )
     return text
@@ -99,7 +102,8 @@ def _plans(content: Content) -> str:
         f"The genetic algorithm with the paper's fitness, read in the way the experiment file says, finds poses that "
         f"predict {number(paper['expected_rms_mm'])} mm rms, better than {percent(paper['beats_random_expected'])} of "
         f"random plans (median {number(random['median'])} mm). The certified plan predicts "
-        f"{number(best['expected_rms_mm'])} mm, is proven to carry {at_least(best['d_efficiency_lower_bound'])} of the "
+        f"{number(best['expected_rms_mm'])} mm, is proven to carry at least "
+        f"{at_least(best['d_efficiency_lower_bound']).removeprefix('≥ ')} of the "
         f"best possible information, and wins in {percent(content['wins']['certified']['new_random'])} of single draws "
         "against a new random plan: one draw, as in the paper, proves nothing."
     )
@@ -155,7 +159,7 @@ def key_table(content: Content) -> list[Block]:
         line("rms over its Cramér–Rao bound", "–", [number(content["over_cramer_rao"][n]) for n in ours], "–"),
         line("D-efficiency, proven", "–", [*(at_least(found[n]["d_efficiency_lower_bound"]) for n in names), "–"], "–"),
         line(
-            "predicts less than of random plans",
+            "beats random plans in prediction",
             "–",
             [*(percent(found[n]["beats_random_expected"]) for n in names), "–"],
             "–",

@@ -5,7 +5,7 @@ Nothing is computed here but units and rounding.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from symcal.report.plan_verdict import percent, plan_verdict
@@ -69,7 +69,7 @@ def _subtitle(content: Content) -> str:
 
 def _comparison(content: Content) -> dict[str, Any]:
     plan, random = content["plan"], content["plan"]["random"]
-    rows = [
+    rows: list[tuple[str, str, Callable[[float], str]]] = [
         ("D-efficiency, at least", "d_efficiency_lower_bound", percent),
         ("worst-pose (G) efficiency", "g_efficiency", percent),
         ("rms over the region / mm", "mean_pose_rms_mm", number),

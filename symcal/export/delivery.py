@@ -46,7 +46,7 @@ def example(prefix: str) -> tuple[str, ...]:
     capital = prefix.upper()
     return (
         f'#include "{prefix}_kinematics.h"',
-        f"{prefix}_real q[{capital}_DOF];  /* readings planned for the nominal robot, rad and mm */",
+        f"{prefix}_real q[{capital}_DOF];  /* planned readings, rad and mm */",
         f"{prefix}_real left;  /* mm that the calibrated model stays away */",
         f"if ({prefix}_compensate(q, q, &left) != {capital}_OUTSIDE) {{",
         "    command(q);  /* in place of the planned readings */",

@@ -116,7 +116,7 @@ def _distribution_caption(handover: Handover) -> str:
     before, after = statistics(handover.before.position), statistics(handover.after.position)
     away = int((~handover.reached).sum())
     text = (
-        f"Where the tool of the true robot is at {plural(len(handover.wanted), 'random pose')} of the area, "
+        f"Where the tool of the true robot is at {plural(len(handover.wanted), 'random pose')} of the working area, "
         f"less where it was meant to be. With the commands as planned the error is {number(before.mean)} mm on average "
         f"and {number(before.max)} mm at most, compensated with the calibrated model {number(after.mean)} mm and "
         f"{number(after.max)} mm; 95 % of the poses are then below {number(after.p95)} mm."

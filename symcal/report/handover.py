@@ -200,8 +200,8 @@ def _check(check: Content | None) -> str:
         f"Compiled here ({check['compiler']}) and compared with Python at {plural(check['poses'], 'random pose')}: "
         f"tool positions agree {exact} in double and to {number(check['float_mm'])} mm in single precision. In double "
         f"the compensation reaches {number(100 * check['reached_share'])} % of the poses and leaves "
-        f"{number(check['compensated_mean_mm'])} mm on average by the calibrated model; the rest are at joint limits "
-        "or caps."
+        f"{number(check['compensated_mean_mm'])} mm on average by the calibrated model; the rest cannot be "
+        "reached within limits and caps."
     )
     if check["code_bytes"]:
         double, single = (_size(check["code_bytes"][kind]) for kind in ("double", "float"))

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
-from symcal.identifiability import Identifiability, analyse, decompose
+from symcal.identifiability import RELEASE_LIMIT, Identifiability, analyse, decompose
 from symcal.least_squares import Problem, Solution, Tolerances
 from symcal.measurements import Setup
 from symcal.noise import (
@@ -34,6 +34,7 @@ from symcal.solvers import SOLVERS, SolverName
 Array = NDArray[np.float64]
 
 _ROUNDS = 60
+_SPARE = 10  # equations beyond the unknowns that noise is first estimated from
 _ROUGH = 1e-10  # relative change of the cost that ends a minimisation whose noise is not yet known
 
 
@@ -118,12 +119,16 @@ def fit(
     _check_redundancy(rows, jacobian, free, bool(estimated))
     x, path = reference, [reference]
     ranks: list[int] = []
-    most, cost = None, np.inf
+    cost = np.inf
     settled = not estimated and options.loss == "linear"  # is the noise?
+    # Large errors of the nominal robot look like noise, and noise hides the directions that would explain them. So
+    # directions first count up to absurd errors, as far as enough equations are left over to tell the noise.
+    bar = threshold / RELEASE_LIMIT if estimated else threshold
+    most = max(int(rows.seen.sum()) + _prior_count(rows, free) - _SPARE, 0) if estimated else None
     for _ in range(_ROUNDS):
         spread = spread_of(rows, known, sigmas, weights)
         system = _whitened(rows, free, reference, prior_mean, spread)
-        seen = system.subspace(x, most, threshold)
+        seen = system.subspace(x, most, bar)
         solution, steps = _minimise(system, seen, x, options, rough=not settled)
         path += steps
         previous, x = x, system.at(system.scales[:, None] * seen.seen, solution.x)
@@ -145,6 +150,8 @@ def fit(
                 sigmas = sigmas | variance_components(rows, residual, jacobian, known, spread, seen, estimated)
             change = max([abs(np.log(sigmas[g] / last[g])) for g in estimated], default=0.0)
             settled = change < 1e-4 and float(np.abs(weights - before).max()) < 1e-3
+            if bar < threshold and change < 1e-2:
+                ranks, most, bar, settled = [], None, threshold, False
         cost = solution.cost
     return Fit(
         x=x,

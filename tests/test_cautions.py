@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -136,9 +137,9 @@ def test_noise_that_does_not_fit_the_residuals_is_told(factor: float, word: str)
 def test_absurd_corrections_are_named() -> None:
     model = model_of("pose")
     rng = np.random.default_rng(3)
-    data = measure(model, {"theta_2": 0.5}, 45, rng, 0.05, 1e-4)
+    data = measure(model, {"theta_2": 0.35}, 45, rng, 0.05, 1e-4)
     said = notes(data, "pose")
-    assert "corrections of theta_2 are more than 20 times their plausible scale" in said
+    assert re.search(r"corrections of [^:]*theta_2\b[^:]* are more than 20 times their plausible scale", said)
 
 
 def test_a_released_direction_is_told() -> None:

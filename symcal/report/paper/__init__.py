@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from symcal.report.handover import handover_text
 from symcal.report.paper.chance import chance
 from symcal.report.paper.errata import errata
 from symcal.report.paper.fitness import fitness
@@ -31,6 +32,7 @@ def paper_text(content: Mapping[str, Any]) -> dict[str, Any]:
         "version": content["versions"].get("symcal", ""),
         "verdict": study_verdict(content),
         "warnings": list(content.get("warnings", [])),
+        "handover": handover_text(content),
         "blocks": [
             *key_table(content),
             *robot(content),
@@ -40,6 +42,7 @@ def paper_text(content: Mapping[str, Any]) -> dict[str, Any]:
             *unseen(content),
             *chance(content),
             *fitness(content),
+            {"kind": "handover"},
             *errata(),
             *choices(content),
             *counterparts(),

@@ -59,6 +59,9 @@ class Dataset:
 
 def with_random_test(data: Dataset, fraction: float, rng: np.random.Generator) -> Dataset:
     """The data with a random share of the poses, but at least one, held out as `test`; at least one stays to train."""
-    count = max(1, min(round(fraction * len(data)), len(data) - 1))
-    chosen = set(rng.permutation(len(data))[:count].tolist())
-    return replace(data, split=tuple("test" if i in chosen else "train" for i in range(len(data))))
+    used = np.flatnonzero([s != "unused" for s in data.split])
+    count = max(1, min(round(fraction * len(used)), len(used) - 1))
+    split = np.array(data.split, dtype=object)
+    split[used] = "train"
+    split[rng.permutation(used)[:count]] = "test"
+    return replace(data, split=tuple(split))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cases import ARM, TABLE_III, TRIANGLE, anywhere, front_half, handling, handling_model
@@ -87,3 +89,6 @@ def test_a_random_share_is_held_out(rng: np.random.Generator) -> None:
     data = with_random_test(simulate(model, {}, front_half(40, rng), Noise(), rng), 0.25, rng)
     assert data.split.count("test") == 10
     assert data.split.count("train") == 30
+    some = with_random_test(replace(data, split=("unused",) * 20 + ("train",) * 20), 0.25, rng)
+    assert some.split[:20] == ("unused",) * 20
+    assert (some.split.count("test"), some.split.count("train")) == (5, 15)

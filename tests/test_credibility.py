@@ -1,0 +1,50 @@
+"""What may be claimed from errors on poses that were not identified from."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from symcal.credibility import claim
+from symcal.evaluate import Errors
+
+
+def errors(size: float, poses: int, rng: np.random.Generator, points: int = 2) -> Errors:
+    """Normal errors of so many mm per axis."""
+    pose, point = (a.ravel() for a in np.meshgrid(np.arange(poses), np.arange(points), indexing="ij"))
+    return Errors(size * rng.normal(size=(poses * points, 3)), pose, point, None)
+
+
+@pytest.mark.parametrize("where", ["test", "cross_validation"])
+def test_a_better_robot_may_be_claimed(rng, where):
+    found = {"train": {"after": errors(0.1, 50, rng)}}
+    found[where] = {"before": errors(0.5, 50, rng), "after": errors(0.11, 50, rng)}
+    assert claim(found) == ()
+
+
+def test_without_unseen_poses_nothing_may(rng):
+    (said,) = claim({"train": {"before": errors(0.5, 50, rng), "after": errors(0.1, 50, rng)}})
+    assert "nothing was held out" in said
+
+
+def test_a_robot_that_is_worse_on_unseen_poses(rng):
+    found = {
+        "train": {"after": errors(0.1, 50, rng)},
+        "test": {"before": errors(0.2, 50, rng), "after": errors(0.3, 50, rng)},
+        "cross_validation": {"before": errors(0.5, 50, rng), "after": errors(0.11, 50, rng)},
+    }
+    said = claim(found)
+    assert "no better" in said[0]
+    assert "do not support an accuracy claim" in said[0]
+    assert "on the test poses" in said[0]
+    assert "more poses would help" in said[1]
+
+
+def test_chance_is_called_chance_as_often_as_it_should(rng):
+    """Two equally good robots: a gain beyond two standard errors is luck, in about one case of forty."""
+    lucky = 0
+    for _ in range(400):
+        found = {"train": {"after": errors(0.1, 30, rng)}}
+        found["test"] = {"before": errors(0.1, 30, rng), "after": errors(0.1, 30, rng)}
+        lucky += not any("accuracy claim" in said for said in claim(found))
+    assert 1 <= lucky <= 25

@@ -38,6 +38,8 @@ def surroundings(study: Study, config: StudyConfig) -> dict[str, Any]:
         "printed": {
             name: {
                 "rounding_mm": table.rounding_mm,
+                "moved_mm": table.moved_mm,
+                "turned_rad": table.turned,
                 "reduced": dict(zip(names, table.reduced.tolist(), strict=True)),
             }
             for name, table in printed.items()

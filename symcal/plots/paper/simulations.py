@@ -78,7 +78,7 @@ def test_errors(study: Study, names: tuple[str, str, str]) -> Illustration:
         "b  against truth": (study.setting.before_raw, {n: f.after_true for n, f in found.items()}),
     }
     with print_settings():
-        figure = sheet(WIDE, 72)
+        figure = sheet(WIDE, 64)
         both: Any = figure.subplots(1, 2, sharey=True)
         for axes, (title, (before, after)) in zip(both, panels.items(), strict=True):
             x = np.arange(1, len(before) + 1)

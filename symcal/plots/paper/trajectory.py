@@ -39,11 +39,11 @@ def trajectories(study: Study, names: tuple[str, str]) -> Illustration:
     plans = [study.plans[name] for name in names]
     around = np.vstack([nodes, eye[None], *(plan.trace for plan in plans)])
     with print_settings():
-        figure = sheet(WIDE, 70)
+        figure = sheet(WIDE, 64)
         cells = figure.add_gridspec(1, 2)
         for i, plan in enumerate(plans):
             look = PLANS[plan.name]
-            axes = space_axes(figure, cells[i], around, zoom=1.3)
+            axes = space_axes(figure, cells[i], around, zoom=1.45)
             draw_way(axes, _thinned(plan.trace), color=FAINT, linewidth=0.5, zorder=2)
             draw_points(axes, plan.positions, marker=look.marker, markersize=2.2, color=look.color, zorder=5)
             draw_arm(axes, nodes)
@@ -73,7 +73,7 @@ def joint_motion(study: Study, names: tuple[str, str]) -> Illustration:
     setting = study.setting
     joints, area = setting.model.robot.joints, setting.info.area
     with print_settings():
-        figure = sheet(WIDE, 92)
+        figure = sheet(WIDE, 88)
         panels: Any = figure.subplots(len(joints), 2, sharex=True, sharey="row")
         for column, name in enumerate(names):
             plan = study.plans[name]

@@ -84,7 +84,7 @@ def spreads(study: Study) -> Illustration:
     }
     at = np.arange(len(names))
     with print_settings():
-        figure = sheet(WIDE, 66)
+        figure = sheet(WIDE, 60)
         axes = figure.add_subplot()
         for key, (label, color, marker, offset) in methods.items():
             off = np.abs(gauge.spread[key] - setting.truth) / scales

@@ -23,7 +23,7 @@ def vision(study: Study, plan: str) -> Illustration:
     setting, poses = study.setting, study.plans[plan].poses
     sees = camera_sees(setting)(poses)
     with print_settings():
-        figure = sheet(WIDE, 72)
+        figure = sheet(WIDE, 66)
         cells = figure.add_gridspec(1, 2, width_ratios=[1.25, 1.0])
         _scene(figure, cells[0], setting)
         image: Any = figure.add_subplot(cells[1])
@@ -48,7 +48,7 @@ def _scene(figure: Any, cell: Any, setting: Setting) -> None:
     tool = setting.arm.tool(start)[0]
     corners = view.tool_points @ tool[:3, :3].T + tool[:3, 3]
     eye = view.T_world_camera[:3, 3]
-    axes = space_axes(figure, cell, np.vstack([nodes, corners, eye[None], [[-500, 0, 0], [500, 0, 0]]]), zoom=1.25)
+    axes = space_axes(figure, cell, np.vstack([nodes, corners, eye[None], [[-500, 0, 0], [500, 0, 0]]]), zoom=1.35)
     draw_camera(axes, view.camera, view.T_world_camera, 0.9 * float(np.linalg.norm(tool[:3, 3] - eye)))
     draw_arm(axes, nodes, label="arm")
     draw_face(axes, corners, BLUE)

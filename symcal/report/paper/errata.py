@@ -17,8 +17,8 @@ _ERRATA: tuple[tuple[str, str], ...] = (
     ),
     (
         "Eq. 8",
-        "sets the rotation between robot and camera to the identity: the camera would look straight up along the base's z. "
-        "Ours is that of the scene.",
+        "sets the rotation between robot and camera to the identity: the camera would look straight up along the "
+        "base's z. Ours is that of the scene.",
     ),
     (
         "Eq. 10",

@@ -89,9 +89,9 @@ def counterparts() -> list[Block]:
     return [
         heading("The paper's figures and tables"),
         paragraph(
-            "Three figures have no counterpart. Fig. 1 (mechanical structure) and Fig. 2 (link frames) are drawings of the "
-            "machine, which a simulation does not have; the frames follow from [@table_1] and its convention. Fig. 4 "
-            "(procedure of the genetic algorithm) is a flow chart; how the searches went is in [@paper_readings]b."
+            "Three figures have no counterpart. Fig. 1 (mechanical structure) and Fig. 2 (link frames) are drawings of "
+            "the machine, which a simulation does not have; the frames follow from [@table_1] and its convention. Fig. "
+            "4 (procedure of the genetic algorithm) is a flow chart; how the searches went is in [@paper_readings]b."
         ),
         table(
             "counterparts",

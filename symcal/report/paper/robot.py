@@ -27,12 +27,12 @@ def robot(content: Content) -> list[Block]:
     return [
         heading("The robot and its measurement"),
         paragraph(
-            f"{plural(len(links), 'joint').capitalize()} ({listed([link['joint'] for link in links])}), each link one "
-            "transform T = Rz(θ) Tz(d) Tx(a) Rx(α) Ry(β) from the frame before to its own (the paper's MDH: distal, "
-            "with Hayati's β where neighbouring axes are parallel). A link has only the parameters that its transform "
-            "contains. The position of the last origin is measured; at the initial pose the nominal robot has it at "
-            f"({', '.join(fixed(v, 3) for v in position)}) mm. The paper's Fig. 1 and Fig. 2 show the machine and its "
-            "frames; the numbers of both are in [@table_1]."
+            f"The robot has {plural(len(links), 'joint')} ({listed([link['joint'] for link in links])}); each link is "
+            "one transform T = Rz(θ) Tz(d) Tx(a) Rx(α) Ry(β) from the frame before to its own (the paper's MDH: "
+            "distal, with Hayati's β where neighbouring axes are parallel). A link has only the parameters that its "
+            "transform contains. The position of the last origin is measured; at the initial pose the nominal robot "
+            f"has it at ({', '.join(fixed(v, 3) for v in position)}) mm. The paper's Fig. 1 and Fig. 2 show the "
+            "machine and its frames; the numbers of both are in [@table_1]."
         ),
         table(
             "table_1",

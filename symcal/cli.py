@@ -204,6 +204,9 @@ def compensate(
     if frame not in ("base", "world"):
         raise InputError("no such frame", key="--frame", found=frame, allowed=("base", "world"))
     robot = load_robot(calibrated)
+    if robot.record is None:
+        message = "this robot has no 'calibration', so there is nothing to correct: give the calibrated.yaml of a run"
+        raise InputError(message, file=calibrated)
     with terminal.spinner(quiet) as progress:
         progress("compensating")
         result = solve(
@@ -233,9 +236,13 @@ def export(
         from symcal.errors import InputError
 
         raise InputError("no such format", key="--to", found=to, allowed=FORMATS)
-    written, doubts = export_robot(load_robot(calibrated), to, out, force=force)
-    for doubt in doubts:
-        Console(stderr=True, soft_wrap=True).print(f"doubt overridden: {doubt}", markup=False, highlight=False)
+    robot = load_robot(calibrated)
+    written, doubts = export_robot(robot, to, out, force=force)
+    notes = [f"doubt overridden: {doubt.text}" for doubt in doubts]
+    if robot.record is None:
+        notes.append("this robot has no 'calibration': what is written is nominal")
+    for note in notes:
+        Console(stderr=True, soft_wrap=True).print(note, markup=False, highlight=False)
     if not quiet:
         for path in written:
             terminal.output().print(f"written to {escape(str(path))}")

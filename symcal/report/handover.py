@@ -16,7 +16,7 @@ _STATES = {
     "before": "before the calibration",
     "without": "calibrated, commands not compensated",
     "after": "calibrated and compensated",
-    "after_reached": "of these, where nothing keeps the correction away",
+    "after_reached": "of these, correction not limited",
 }
 _COLUMNS = ("rms", "mean", "p95", "max")
 _ENDS = {

@@ -71,12 +71,21 @@ def potential(model: Model) -> Identifiability:
     ]
     lower, upper = np.array(ranges).T
     q = rng.uniform(lower, upper, (_SAMPLE, len(lower)))
-    (jacobian,) = model.jacobian(q, np.zeros(len(model.parameters)), model.setup.vector)
+    (jacobian,) = model.jacobian(q, _somewhere(model, rng), model.setup.vector)
     # orientations weigh like a point at 200 mm, so that the numerical rank does not depend on units
     weight = model.measurement.per_component({"position": 1.0, "orientation": 200.0, "image": 1.0})
     free = (*model.kinematic, *model.placement)
     stacked = (jacobian * weight[None, :, None]).reshape(-1, len(model.parameters))
     return analyse(stacked, model.parameters, free, noise_known=False)
+
+
+def _somewhere(model: Model, rng: np.random.Generator) -> Array:
+    """Zero errors, shape (n,), but for tool points without coordinates: all at the flange they would see too little."""
+    blank = zip(model.measurement.point_names, model.setup.points, strict=False)
+    unplaced = [f"tool_{name}_{c}" for name, point in blank if not point.any() for c in "xyz"]
+    if model.task.tool != "points":
+        unplaced = []
+    return model.parameters.vector({name: float(rng.uniform(50, 150)) for name in unplaced})
 
 
 def parallel_axes(robot: Robot) -> tuple[str, ...]:

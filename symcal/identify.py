@@ -12,7 +12,7 @@ from threadpoolctl import ThreadpoolController
 from symcal import uncertainty
 from symcal.cautions import plausibility, quality
 from symcal.dataset import Dataset
-from symcal.errors import RefusedError
+from symcal.errors import InputError, RefusedError
 from symcal.estimation import Fit, Options, fit
 from symcal.measurements import Setup
 from symcal.model import Model, Part, State, Task, build_model
@@ -79,6 +79,9 @@ def calibrate(model: Model, baseline: Model | None, data: Dataset, options: Opti
 
 
 def _calibrate(model: Model, baseline: Model | None, data: Dataset, options: Options) -> Calibration:
+    measured, wanted = (data.kind, data.point_names), (model.task.kind, model.measurement.point_names)
+    if measured != wanted:
+        raise InputError(f"the data are {_kind(*measured)}, the task asks for {_kind(*wanted)}")
     train = data.part("train")
     if len(train) == 0:
         raise RefusedError("no pose is marked for training")
@@ -93,6 +96,10 @@ def _calibrate(model: Model, baseline: Model | None, data: Dataset, options: Opt
         before = State(baseline, place(baseline, train, options), np.zeros(len(baseline.parameters)))
     notes = (*plausibility(train, before), *quality(model, train, after))
     return Calibration(model, setup, before, raw, offsets, after, calibrated_robot(model, after), notes)
+
+
+def _kind(kind: str, points: tuple[str, ...]) -> str:
+    return f"{kind} of {', '.join(points)}" if points else kind
 
 
 def baseline_model(model: Model) -> Model | None:

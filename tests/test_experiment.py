@@ -11,9 +11,12 @@ import pytest
 from measured_arms import NOISE, POINTS, measure, write_experiment
 from scipy.spatial.transform import Rotation
 
-from symcal.errors import RefusedError
+from symcal.dataset import Dataset
+from symcal.errors import InputError, RefusedError
 from symcal.experiment import run
+from symcal.identify import identify
 from symcal.kinematics import chain, forward, frame_vector
+from symcal.model import Task
 from symcal.parameters import parameter_set
 from symcal.robot import load_robot
 
@@ -241,6 +244,14 @@ def test_a_gross_error_is_named_not_refused(rng, tmp_path):
     _, robust = run(path, tmp_path / "out", overrides=["identification.loss=cauchy"])
     rms = [f["accuracy"]["test"]["after"]["position_mm"]["rms"] for f in (found, robust)]
     assert rms[1] < 1.5 * NOISE * np.sqrt(3) < rms[0]
+
+
+def test_data_of_other_points_than_the_task_asks_for(rng):
+    measured = measure("puma", "standard", rng, train=10, test=0)
+    data = Dataset("position", measured.q, measured.z, ("",) * 10, measured.split, tuple(POINTS))
+    for task, words in ((Task("position"), "asks for position of P"), (Task("pose"), "asks for pose")):
+        with pytest.raises(InputError, match=f"the data are position of SMR1, SMR2, the task {words}"):
+            identify(measured.robot, data, task)
 
 
 # measured robots

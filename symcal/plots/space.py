@@ -59,15 +59,15 @@ def _ticks(span: float, longest: float) -> Any:
     return MultipleLocator(step if span >= step else step / 2)
 
 
-def draw_arm(axes: Any, nodes: Array, *, color: str = INK, width: float = 2.2, label: str | None = None) -> None:
+def draw_arm(axes: Any, nodes: Array, *, color: str = INK, width: float = 2.2) -> None:
     """The polyline through an arm's links.
 
     Args:
         nodes: its corners from base to tool, shape (k, 3), mm.
     """
-    p = _distinct(nodes) * _METRES
-    axes.plot(*p.T, color=color, linewidth=width, solid_capstyle="round", label=label, zorder=6)
-    axes.plot(*p[:-1].T, linestyle="none", marker="o", markersize=2.4, markerfacecolor="white", color=color, zorder=7)
+    p = _distinct(nodes)
+    draw_way(axes, p, color=color, linewidth=width, solid_capstyle="round", zorder=6)
+    draw_points(axes, p[:-1], marker="o", markersize=2.4, markerfacecolor="white", color=color, zorder=7)
 
 
 def _distinct(nodes: Array) -> Array:
@@ -94,12 +94,13 @@ def draw_camera(axes: Any, camera: Camera, T_world_camera: Array, depth: float, 
 
 def draw_points(axes: Any, points: Array, **style: Any) -> None:
     """Markers at points, shape (k, 3), mm."""
-    axes.plot(*(points * _METRES).T, linestyle="none", **style)
+    draw_way(axes, points, linestyle="none", **style)
 
 
 def draw_way(axes: Any, points: Array, **style: Any) -> None:
-    """A line through points, shape (k, 3), mm."""
-    axes.plot(*(points * _METRES).T, **style)
+    """A line through points, shape (k, 3), mm; not cut off where the axes are zoomed into."""
+    (line,) = axes.plot(*(points * _METRES).T, clip_on=False, **style)
+    line.set_in_layout(False)
 
 
 def draw_face(axes: Any, corners: Array, color: str) -> None:

@@ -41,7 +41,7 @@ def convergence(study: Study) -> Illustration:
         axes.axvline(published.SIMULATION_1_ITERATIONS, color=FAINT, linewidth=0.8)
         axes.text(
             published.SIMULATION_1_ITERATIONS - 0.3,
-            1e-11,
+            3e-9,
             "the paper's end",
             rotation=90,
             ha="right",

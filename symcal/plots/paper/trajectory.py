@@ -43,7 +43,7 @@ def trajectories(study: Study, names: tuple[str, str]) -> Illustration:
         cells = figure.add_gridspec(1, 2)
         for i, plan in enumerate(plans):
             look = PLANS[plan.name]
-            axes = space_axes(figure, cells[i], around, zoom=1.45)
+            axes = space_axes(figure, cells[i], around, azimuth=-60.0, elevation=20.0, zoom=1.45)
             draw_way(axes, _thinned(plan.trace), color=FAINT, linewidth=0.5, zorder=2)
             draw_points(axes, plan.positions, marker=look.marker, markersize=2.2, color=look.color, zorder=5)
             draw_arm(axes, nodes)
@@ -124,7 +124,7 @@ def test_data(study: Study) -> Illustration:
     points, off = setting.test_positions, setting.before_raw
     with print_settings():
         figure = sheet(NARROW, 74)
-        axes = space_axes(figure, (1, 1, 1), np.vstack([nodes, points]), zoom=1.15)
+        axes = space_axes(figure, (1, 1, 1), np.vstack([nodes, points]), zoom=1.2)
         cloud = axes.scatter(
             *(points * 1e-3).T, c=off, cmap="cividis", s=2.2, linewidths=0, depthshade=False, rasterized=False
         )

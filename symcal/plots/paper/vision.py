@@ -48,9 +48,11 @@ def _scene(figure: Any, cell: Any, setting: Setting) -> None:
     tool = setting.arm.tool(start)[0]
     corners = view.tool_points @ tool[:3, :3].T + tool[:3, 3]
     eye = view.T_world_camera[:3, 3]
-    axes = space_axes(figure, cell, np.vstack([nodes, corners, eye[None], [[-500, 0, 0], [500, 0, 0]]]), zoom=1.35)
-    draw_camera(axes, view.camera, view.T_world_camera, 0.9 * float(np.linalg.norm(tool[:3, 3] - eye)))
-    draw_arm(axes, nodes, label="arm")
+    around = np.vstack([nodes, corners, eye[None], [[-500, 0, 0], [500, 0, 0]]])
+    # from the camera's side, to which the target turns its face
+    axes = space_axes(figure, cell, around, azimuth=28.0, elevation=18.0, zoom=1.15)
+    draw_camera(axes, view.camera, view.T_world_camera, 0.6 * float(np.linalg.norm(tool[:3, 3] - eye)))
+    draw_arm(axes, nodes)
     draw_face(axes, corners, BLUE)
     draw_points(axes, corners, marker="o", markersize=1.6, color=INK)
     axes.set_title("the scene", y=0.98)

@@ -47,12 +47,14 @@ def table(
     groups: Sequence[tuple[str, int]] = (),
     wide: Sequence[int] = (0,),
     left: Sequence[int] = (0,),
+    floats: bool = False,
 ) -> Block:
     """A table.
 
     Args:
         groups: labels with the number of columns that each spans, above the head. wide: columns that take what room is
             left. left: columns that are set flush left.
+        floats: may stand at the top or bottom of a page, while text goes on.
     """
     return {
         "kind": "table",
@@ -64,6 +66,7 @@ def table(
         "groups": [[label, span] for label, span in groups],
         "wide": list(wide),
         "left": list(left),
+        "floats": floats,
     }
 
 

@@ -42,10 +42,22 @@ def simulation_1(content: Content) -> list[Block]:
             "Error parameters set and recovered (paper: Table III)",
             f"Recovered from exact positions at the plan by the paper's fitness. Largest deviation "
             f"{number(one['largest_deviation'], 2)}; the paper compares four digits.",
-            ["", "unit", "set (paper)", "recovered", "deviation", "", "unit", "set (paper)", "recovered", "deviation"],
+            [
+                "",
+                "unit",
+                "set (paper)",
+                "recovered",
+                "deviation",
+                "",
+                "",
+                "unit",
+                "set (paper)",
+                "recovered",
+                "deviation",
+            ],
             _two_columns(_recovered(one["parameters"])),
-            left=(0, 1, 5, 6),
-            wide=(2, 3, 4, 7, 8, 9),
+            left=(0, 1, 6, 7),
+            wide=(2, 3, 4, 8, 9, 10),
         ),
         figures("paper_convergence", "paper_test_data"),
     ]
@@ -79,7 +91,7 @@ def _recovered(parameters: Mapping[str, Any]) -> list[list[str]]:
 def _two_columns(cells: list[list[str]]) -> list[Row]:
     half = (len(cells) + 1) // 2
     blank = [""] * len(cells[0])
-    return [row(*cells[i], *(cells[half + i] if half + i < len(cells) else blank)) for i in range(half)]
+    return [row(*cells[i], "\u2003", *(cells[half + i] if half + i < len(cells) else blank)) for i in range(half)]
 
 
 def simulation_2(content: Content) -> list[Block]:
@@ -91,10 +103,10 @@ def simulation_2(content: Content) -> list[Block]:
         heading("Simulation II: noisy positions"),
         paragraph(
             f"Every coordinate is measured with noise {wide}{number(noise['half_width_mm'], 2)} mm. An error against a "
-            f"noisy position therefore has a mean of at least {number(noise['mean_norm_mm'])} mm, even of a perfect "
-            "robot, and hides what the calibration is worth; the paper does not say against which its Table IV is. "
-            "Both are in [@table_4] and [@paper_test_errors]. One draw of the noise is shown here, as in the paper; "
-            "what holds beyond it is in [@repetitions]."
+            f"noisy position therefore has an expected mean of at least {number(noise['mean_norm_mm'])} mm, even of a "
+            "perfect robot, and hides what the calibration is worth; the paper does not say against which its Table IV "
+            "is. Both are in [@table_4] and [@paper_test_errors]. One draw of the noise is shown here, as in the "
+            "paper; what holds beyond it is in [@repetitions]."
         ),
         table(
             "table_4",
@@ -104,6 +116,7 @@ def simulation_2(content: Content) -> list[Block]:
             ["path", "", "before", "after, measured", "after, truth", "median, measured", "median, truth"],
             _table_4(content),
             left=(0, 1),
+            floats=True,
         ),
         *_deviation(content),
         figures("paper_test_errors"),
@@ -234,6 +247,7 @@ def _identified(content: Content, key: str, plan: str, name: str, number_of: str
         groups=[("", 3), ("paper", 2), ("ours", 3)],
         left=(0, 1),
         wide=(2, 3, 4, 5, 6, 7),
+        floats=True,
     )
 
 

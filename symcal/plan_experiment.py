@@ -24,8 +24,10 @@ from symcal.plan_results import (
     plan_notes,
     plan_tables,
     promise_facts,
+    region_words,
 )
 from symcal.planned import Planned, find_plan, plan_generator, search
+from symcal.planning.area import draw
 from symcal.planning.band import RandomBand, random_band
 from symcal.planning.methods import fewest_poses
 from symcal.planning.plan_file import write_plan, write_waypoints
@@ -38,7 +40,8 @@ from symcal.table import read_table
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
-_FIELD = 40000  # poses of the region for the map of predicted errors
+_FIELD = 30000  # poses of the region for the map of predicted errors, and as many more with
+_SNAPPED = 0.4  # of their coordinates at a limit
 _COUNTS = 11  # numbers of poses that are foretold
 _LARGEST = 2.5  # times the plan's own number
 
@@ -127,6 +130,7 @@ def plan_experiment(experiment: Experiment, progress: Progress = lambda _: None)
         "promise": promise_facts(foretold, band, needed),
         "order": order_facts(planned),
         "constraints": shares,
+        "region": region_words(wanted.region, bool(problem.measuring)),
         "candidates": None if problem.candidates is None else len(problem.candidates),
     }
     return PlanOutcome(experiment, problem, planned, accuracy, methods, foretold, band, needed, field, content)
@@ -205,8 +209,7 @@ def _field(problem: PlanProblem, accuracy: Accuracy, planned: Planned, rng: np.r
     region, total = problem.region, problem.info.total(planned.plan.poses)
     parts = [region.poses]
     if region.area is not None:
-        for made in (region.area.sample(rng, _FIELD), region.area.snapped(rng, _FIELD)):
-            parts.append(made if region.feasible is None else made[region.feasible(made)])
+        parts += [draw(region.area, rng, _FIELD, region.feasible, share=share) for share in (0.0, _SNAPPED)]
     poses = np.concatenate(parts)
     return ErrorField(problem.arm.motion(poses)[0], accuracy.at(poses, total), accuracy.at(region.poses, total))
 

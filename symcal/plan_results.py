@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from symcal.plan_config import AreaRegion, BoxRegion, FileRegion
 from symcal.plan_problem import PlanProblem
 from symcal.planned import Planned
 from symcal.planning.band import RandomBand
@@ -191,6 +192,18 @@ def constraint_facts(problem: PlanProblem, distance: float) -> dict[str, Any]:
         "distance": distance,
         "infeasible_candidates": list(broken),
     }
+
+
+def region_words(wanted: AreaRegion | BoxRegion | FileRegion | None, constrained: bool) -> str:
+    """The task region in words."""
+    if isinstance(wanted, AreaRegion):
+        ranges = [f"{name} {low:g} to {high:g}" for name, (low, high) in wanted.area.items()]
+        return f"the working area{' with ' + ', '.join(ranges) if ranges else ''}, whether or not it can be measured"
+    if isinstance(wanted, BoxRegion):
+        return f"poses of the working area with the tool between {wanted.lower} and {wanted.upper} in world"
+    if isinstance(wanted, FileRegion):
+        return f"the poses of {wanted.file}"
+    return "the part of the working area that can be measured" if constrained else "the working area"
 
 
 def plan_notes(problem: PlanProblem, planned: Planned) -> list[str]:

@@ -17,7 +17,7 @@ from symcal.planning.criteria import criterion
 from symcal.planning.fitness import PlanFunction, Reading, Weights, paper_fitness, sound_fitness
 from symcal.planning.genetic_method import genetic_plan
 from symcal.planning.methods import METHODS, Method, Report, Task
-from symcal.planning.ordering import shortest_tour
+from symcal.planning.ordering import shortest_tour, tour_of
 from symcal.planning.path import Path as Motion
 from symcal.planning.path import plan_path
 from symcal.planning.search import Plan, select_poses
@@ -231,22 +231,19 @@ def in_order(problem: PlanProblem, plan: Plan, required: int) -> Planned:
     start = problem.start
     if start is None:
         start = plan.poses[int(np.argmin(np.linalg.norm(area.unit(plan.poses) - 0.5, axis=1)))]
-    tour = shortest_tour(plan.poses, start, speeds)
-    motion = plan_path(
-        problem.arm, plan.poses, tour, start, speeds, (robot.lower, robot.upper), constraints=problem.moving
-    )
-    order = motion.order
-    indices = None
+    order = shortest_tour(plan.poses, start, speeds).order
+    poses = plan.poses[order]
+    tour = tour_of(range(len(poses)), poses, start, speeds)
+    motion = plan_path(problem.arm, poses, tour, start, speeds, (robot.lower, robot.upper), constraints=problem.moving)
     names: Sequence[str] = [str(i + 1) for i in range(len(order))]
     if plan.indices is not None:
         named = [*problem.required_names, *(problem.candidate_names[i] for i in plan.indices)]
         names = [named[i] for i in order]
-        indices = plan.indices
     return Planned(
-        plan=replace(plan, poses=plan.poses[order], indices=indices),
+        plan=replace(plan, poses=poses),
         names=tuple(names),
         required=np.asarray(order < required),
         start=start,
-        motion=replace(motion, order=np.arange(len(order))),
+        motion=motion,
         timed=problem.speeds is not None,
     )

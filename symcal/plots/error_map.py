@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 from scipy.stats import binned_statistic_2d
@@ -42,9 +43,8 @@ def error_map(outcome: PlanOutcome) -> Illustration:
         width, height = [float(np.ptp(x)) for _, x, _ in panels], max(float(np.ptp(y)) for _, _, y in panels)
         figure = sheet(WIDE, float(np.clip(_MARGIN + height * _DRAWN / sum(width), 52.0, 120.0)))
         rows: Any = figure.subplots(1, 2, width_ratios=width)
-        shown = None
         for axes, (title, right, up, _, marks), (grid, x, y) in zip(rows, views, panels, strict=True):
-            shown = axes.pcolormesh(x, y, grid.T, norm=scale, cmap="cividis", rasterized=True)
+            axes.pcolormesh(x, y, grid.T, norm=scale, cmap="cividis", rasterized=True)
             axes.plot(
                 *marks.T,
                 linestyle="none",
@@ -59,9 +59,9 @@ def error_map(outcome: PlanOutcome) -> Illustration:
             axes.set(xlabel=right, ylabel=up)
             axes.set_title(title)
             axes.locator_params(nbins=6)
-        bar = figure.colorbar(shown, ax=list(rows), pad=0.015, aspect=24)
+        bar = figure.colorbar(ScalarMappable(scale, "cividis"), ax=list(rows), pad=0.015, aspect=24)
         bar.set_label("predicted rms position error / mm")
-        bar.outline.set_visible(False)  # type: ignore[operator]
+        bar.outline.set_visible(False)
     return Illustration(settle(figure), "error_map", "Predicted error over the region", _caption(outcome))
 
 
@@ -79,9 +79,9 @@ def _cells(flat: Array, errors: Array, cell: float) -> tuple[Array, Array, Array
 def _caption(outcome: PlanOutcome) -> str:
     foretold, errors = outcome.planned.plan.prediction, outcome.field.uniform
     return (
-        "Predicted rms position error of the tool after an identification from these poses, from measurement noise alone: "
-        f"the largest of all of {len(outcome.field.errors)} sampled poses whose tool is in a cell. Rms over the region "
-        f"{number(foretold.mean_pose_rms_mm)} mm; largest, searched between the samples too, "
-        f"{number(foretold.worst_pose_rms_mm)} mm; 95 % of the poses are below {number(float(np.percentile(errors, 95)))} mm. "
-        "Circles: tool positions of the plan."
+        "Predicted rms position error of the tool after an identification from these poses, from measurement noise "
+        f"alone: the largest of all of {len(outcome.field.errors)} sampled poses whose tool is in a cell. Rms over the "
+        f"region {number(foretold.mean_pose_rms_mm)} mm; largest, searched between the samples too, "
+        f"{number(foretold.worst_pose_rms_mm)} mm; 95 % of the poses are below "
+        f"{number(float(np.percentile(errors, 95)))} mm. Circles: tool positions of the plan."
     )

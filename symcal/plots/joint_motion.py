@@ -24,7 +24,7 @@ from symcal.words import number, plural
 
 Array = NDArray[np.float64]
 
-_PANEL = 17.0  # height of a joint's panel, mm
+_PANEL = 15.0  # height of a joint's panel, mm
 _CLOSE = 1e-3  # of the range: a reading so near to its limit counts as on it
 
 

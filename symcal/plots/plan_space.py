@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.lines import Line2D
+from mpl_toolkits.mplot3d import proj3d  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
 from symcal.plan_experiment import PlanOutcome
@@ -25,14 +26,17 @@ from symcal.plots.style import (
     settle,
     sheet,
 )
+from symcal.robot_schema import Frame
 from symcal.words import fixed, plural
 
 Array = NDArray[np.float64]
 
 _ARMS = 6  # poses in which the whole arm is drawn
 _AXIS = 0.12  # length of the base's axes, of the scene's size
-_ZOOM = 1.06
+_LEFT, _RIGHT, _BOTTOM, _TOP = 10.0, 18.0, 11.0, 7.0  # room for labels and legend round the view, mm
 _UNDER = {"facecolor": "white", "edgecolor": "none", "pad": 0.4}
+_HIGHEST = 112.0  # of the figure, mm
+_MM = 25.4
 _WAY = 40  # points per segment of the way that are drawn
 
 
@@ -45,7 +49,7 @@ def plan_in_space(outcome: PlanOutcome) -> Illustration:
     with print_settings():
         figure = sheet(WIDE, 104)
         figure.set_layout_engine("none")  # it knows nothing of what a 3-D view leaves empty
-        axes: Any = figure.add_axes((0.0, -0.02, 1.0, 0.99), projection="3d", computed_zorder=False)
+        axes: Any = figure.add_axes((0.0, 0.0, 1.0, 1.0), projection="3d", computed_zorder=False)
         everything = [tool, bodies.reshape(-1, 3)]
         for body in bodies[1:]:
             axes.plot(*body.T, color=FAINT, linewidth=1.1, alpha=0.55, solid_joinstyle="round", zorder=2)
@@ -67,9 +71,10 @@ def plan_in_space(outcome: PlanOutcome) -> Illustration:
         low, high = _limits(np.vstack(everything))
         _base(axes, outcome, _AXIS * float((high - low).max()))
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-        axes.set_box_aspect(high - low, zoom=_ZOOM)
+        axes.set_box_aspect(high - low)
         axes.view_init(elev=18, azim=-64)
         _dress(axes)
+        _fill(figure, axes, low, high)
         figure.legend(handles=_legend(outcome), loc="upper center", ncols=6, handlelength=2.2)
     return Illustration(settle(figure), "plan_in_space", "The plan in space", _caption(outcome, tool))
 
@@ -99,8 +104,6 @@ def _surroundings(axes: Any, outcome: PlanOutcome) -> list[Array]:
     if outcome.problem.view is not None:
         corners.append(_frustum(axes, outcome.problem.view, outcome.problem.arm.motion(outcome.planned.plan.poses)[0]))
     for box in outcome.experiment.file.plan.constraints.keep_out:
-        from symcal.robot_schema import Frame
-
         units = outcome.experiment.file.units
         frame = Frame(xyz=box.xyz, rpy=box.rpy).matrix(units.factor("mm"), units.factor("rad"))
         half = np.array(box.size) * units.factor("mm") / 2
@@ -149,6 +152,24 @@ def _limits(points: Array) -> tuple[Array, Array]:
     return low - margin, high + margin
 
 
+def _fill(figure: Any, axes: Any, low: Array, high: Array) -> None:
+    """Scale the view until the scene's box fills the sheet, and cut the sheet where it would stay empty."""
+    corners = np.array(list(itertools.product(*zip(low, high, strict=True))))
+    axes.apply_aspect()
+    x, y, _ = proj3d.proj_transform(*corners.T, axes.get_proj())
+    at = axes.transData.transform(np.column_stack([x, y])) / figure.dpi * _MM
+    first, size = at.min(axis=0), np.ptp(at, axis=0)
+    width = figure.get_figwidth() * _MM - _LEFT - _RIGHT
+    scale = min(width / size[0], (_HIGHEST - _BOTTOM - _TOP) / size[1])
+    rect = np.array(axes.get_position(original=True).bounds) * np.tile(figure.get_size_inches() * _MM, 2)
+    height = size[1] * scale + _BOTTOM + _TOP
+    room = np.array([(width - size[0] * scale) / 2 + _LEFT, _BOTTOM])
+    origin = room - (first - rect[:2]) * scale
+    sheet_size = np.array([figure.get_figwidth() * _MM, height])
+    figure.set_figheight(height / _MM)
+    axes.set_position((*(origin / sheet_size), *(rect[2:] * scale / sheet_size)))
+
+
 def _dress(axes: Any) -> None:
     for axis, name in ((axes.xaxis, "x"), (axes.yaxis, "y"), (axes.zaxis, "z")):
         axis.set_pane_color((1, 1, 1, 0))
@@ -184,6 +205,8 @@ def _legend(outcome: PlanOutcome) -> list[Line2D]:
     handles.append(Line2D([], [], color=INK, linewidth=2.2, label="arm at the start"))
     if outcome.problem.view is not None:
         handles.append(Line2D([], [], color=GREEN, linewidth=1.0, label="camera"))
+    if outcome.experiment.file.plan.constraints.keep_out:
+        handles.append(Line2D([], [], color=VERMILION, linewidth=0.8, label="keep out"))
     return handles
 
 
@@ -191,10 +214,10 @@ def _caption(outcome: PlanOutcome, tool: Array) -> str:
     kinds = outcome.planned.motion.kinds
     size = tool.max(axis=0) - tool.min(axis=0)
     text = (
-        f"{plural(len(tool), 'pose')} of the tool in the world frame, joined in driving order from the start; the arm is "
-        f"drawn at the start and, in grey, in {min(_ARMS, len(tool))} of its poses, the letters mark its base frame. The tool "
-        f"moves straight in {kinds.count('line')} of {plural(len(kinds), 'segment')}. Its positions span "
-        f"{' × '.join(fixed(float(s), 0) for s in size)} mm."
+        f"{plural(len(tool), 'pose')} of the tool in the world frame, joined in driving order from the start; the arm "
+        f"is drawn at the start and, in grey, in {min(_ARMS, len(tool))} of its poses, the letters mark its base "
+        f"frame. The tool moves straight in {kinds.count('line')} of {plural(len(kinds), 'segment')}. Its positions "
+        f"span {' × '.join(fixed(float(s), 0) for s in size)} mm."
     )
     where, count = np.unique(tool.round(3), axis=0, return_counts=True)
     if len(where) < len(tool):

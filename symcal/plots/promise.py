@@ -61,7 +61,7 @@ def error_by_poses(outcome: PlanOutcome, promise: Promise, band: RandomBand) -> 
 
 
 def _drawn(values: tuple[float, ...]) -> Array:
-    return np.minimum(np.array(values), 1e6)
+    return np.asarray(np.minimum(np.array(values), 1e6))
 
 
 def _curves(axes: Axes, counts: Any, best: Any, random: Any, bound: Any, n: int, own: float) -> None:
@@ -120,12 +120,12 @@ def _caption(outcome: PlanOutcome, promise: Promise, band: RandomBand) -> str:
     i = promise.counts.index(n) if n in promise.counts else len(promise.counts) - 1
     count = promise.counts[i]
     text = (
-        f"Predicted error of the tool, from measurement noise alone, against the number of poses; the shaded band holds "
-        f"{100 * (HIGH - LOW):.0f} % of {band.plans} random plans of each size, the dotted line is a bound that no plan is "
-        f"below. With {plural(count, 'pose')}: {number(promise.best_mean_mm[i])} mm rms over the region (bound "
-        f"{number(promise.bound_mean_mm[i])} mm, random {number(promise.random_mean_mm[i])} mm) and "
-        f"{number(promise.best_worst_mm[i])} mm at the worst pose (bound {number(promise.bound_worst_mm[i])} mm, random "
-        f"{number(promise.random_worst_mm[i])} mm)."
+        "Predicted error of the tool, from measurement noise alone, against the number of poses; the shaded band "
+        f"holds {100 * (HIGH - LOW):.0f} % of {band.plans} random plans of each size, the dotted line is a bound that "
+        f"no plan is below. With {plural(count, 'pose')}: {number(promise.best_mean_mm[i])} mm rms over the region "
+        f"(bound {number(promise.bound_mean_mm[i])} mm, random {number(promise.random_mean_mm[i])} mm) and "
+        f"{number(promise.best_worst_mm[i])} mm at the worst pose (bound {number(promise.bound_worst_mm[i])} mm, "
+        f"random {number(promise.random_worst_mm[i])} mm)."
     )
     for entry in outcome.needed:
         figure = "rms" if entry.figure == "mean" else "at the worst pose"

@@ -97,7 +97,7 @@ def _caption(outcome: PlanOutcome) -> str:
             parts.append(f"{name} {int(10000 * reached) / 100:.2f} % in {number(plan.search_seconds, 2)} s")
     against = "what any plan can reach" if has_bound(outcome.planned.plan) else "the best that was found"
     return (
-        f"Efficiency of the best plan so far against {against}, by search method, over wall time on one core; the mark is "
-        f"the last improvement. Reached, with the time of search and certificate: {', '.join(parts)}. "
+        f"Efficiency of the best plan so far against {against}, by search method, over wall time on one core; the mark "
+        f"is the last improvement. Reached, with the time of search and certificate: {', '.join(parts)}. "
         f"Above {100 * (1 - _SMALLEST):.2f} % the axis ends."
     )

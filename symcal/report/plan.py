@@ -101,11 +101,12 @@ def _proof(content: Content) -> str:
         "derivatives: proven up to what such a search misses"
     )
     text = (
-        "The D-efficiency compares the information of the plan, as a geometric mean over all directions, with an upper bound "
-        "for any plan, by the equivalence theorem of optimal design: a plan with half the efficiency needs twice the poses "
-        f"for the same precision. The maximum behind the bound is {how}. The worst-pose efficiency is another figure: how "
-        "near the largest predicted error over the feasible poses is to the smallest possible one. "
-        f"The plan speaks about {plan['rank']} of {plural(seen['parameters'], 'parameter direction')}"
+        "The D-efficiency compares the information of the plan, as a geometric mean over all directions, with an upper "
+        "bound for any plan, by the equivalence theorem of optimal design: a plan with half the efficiency needs twice "
+        f"the poses for the same precision. The maximum behind the bound is {how}. The worst-pose efficiency is "
+        "another figure: how near the largest variance of a foretold measurement over the feasible poses is to the "
+        f"smallest possible one. The plan speaks about {plan['rank']} of "
+        f"{plural(seen['parameters'], 'parameter direction')}"
     )
     hidden = seen["parameters"] - seen["rank"]
     if not hidden:
@@ -157,8 +158,8 @@ def _way(content: Content) -> str:
     order = content["order"]
     segments = order["segments"]
     text = (
-        "The poses stand in the order of a short tour in joint time (nearest neighbour, then exchanges until none helps; not "
-        "proven shortest). The tool moves straight wherever the arm can follow within its limits: in "
+        "The poses stand in the order of a short tour in joint time (nearest neighbour, then exchanges until none "
+        "helps; not proven shortest). The tool moves straight wherever the arm can follow within its limits: in "
         f"{segments['line']} of {sum(segments.values())} segments."
     )
     if order["no_line_because"]:
@@ -179,6 +180,7 @@ def _facts(content: Content) -> list[list[str]]:
     facts = [
         ["method", f"{plan['method']}: {_METHODS[plan['method']]}"],
         ["criterion", _CRITERIA.get(plan["criterion"], f"observability index {plan['criterion']}")],
+        ["task region", f"{content['region']}, uniform in joint space"],
         ["noise planned with", f"standard deviation {listed(noise)}"],
         ["search", f"{number(plan['search_seconds'], 2)} s with the certificate"],
     ]

@@ -12,6 +12,7 @@ from symcal import results
 from symcal.evaluate import statistics
 from symcal.paper_study import published
 from symcal.paper_study.results import Identified, Recovery, Setting, Study, StudyPlan
+from symcal.paper_study.surroundings import mean_norm
 from symcal.plan_results import order_facts, plan_facts
 from symcal.planning.fitness import Reading
 
@@ -144,16 +145,9 @@ def _simulation_2(study: Study) -> dict[str, Any]:
             "distribution": study.setting.noise.distribution,
             "half_width_mm": study.setting.noise.position,
             "sigma_mm": study.setting.sigma,
-            "mean_norm_mm": _mean_noise(study),
+            "mean_norm_mm": mean_norm(study.setting.noise),
         },
     }
-
-
-def _mean_noise(study: Study) -> float:
-    """Mean norm of the noise that test data were given: no mean error against noisy data can be expected below it."""
-    setting = study.setting
-    noise = setting.noise.draw(setting.noise.position, (100_000, 3), np.random.default_rng(0))
-    return float(np.linalg.norm(noise, axis=1).mean())
 
 
 def _judged(study: Study, found: Identified) -> dict[str, Any]:

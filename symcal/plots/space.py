@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # type: ignore[import-untyped]
@@ -83,13 +84,13 @@ def draw_camera(axes: Any, camera: Camera, T_world_camera: Array, depth: float, 
     ends = depth * np.column_stack([rays(camera, corner), np.ones(4)])
     world = (ends @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]) * _METRES
     eye = T_world_camera[:3, 3] * _METRES
-    axes.add_collection3d(
-        Line3DCollection([np.stack([eye, end]) for end in world], colors=color, linewidths=0.5, linestyles="--")
-    )
-    axes.add_collection3d(
-        Poly3DCollection([world], facecolors=[(0.84, 0.37, 0.0, 0.08)], edgecolors=color, linewidths=0.5)
-    )
-    axes.plot(*eye[:, None], linestyle="none", marker="s", markersize=4.5, color=color, label="camera", zorder=8)
+    beams = Line3DCollection([np.stack([eye, end]) for end in world], colors=color, linewidths=0.5, linestyles="--")
+    field = Poly3DCollection([world], facecolors=[(*to_rgb(color), 0.08)], edgecolors=color, linewidths=0.5)
+    for collection in (beams, field):
+        collection.set_clip_on(False)
+        collection.set_in_layout(False)
+        axes.add_collection3d(collection)
+    draw_points(axes, T_world_camera[None, :3, 3], marker="s", markersize=4.5, color=color, zorder=8)
 
 
 def draw_points(axes: Any, points: Array, **style: Any) -> None:
@@ -108,3 +109,9 @@ def draw_face(axes: Any, corners: Array, color: str) -> None:
     axes.add_collection3d(
         Poly3DCollection([corners * _METRES], facecolors=color, edgecolors=INK, linewidths=0.5, alpha=0.85)
     )
+
+
+def draw_label(axes: Any, point: Array, words: str) -> None:
+    """Words above a point, shape (3,), mm."""
+    text = axes.text(*(point * _METRES), words, fontsize=6.5, ha="center", va="bottom", zorder=9)
+    text.set_in_layout(False)

@@ -105,6 +105,6 @@ def measured_errors(study: Study) -> Illustration:
     caption = (
         f"Median and 5 to 95 % of {repeated.count} repetitions: mean over the test points (filled) and largest (open). "
         "Lines: the paper's one draw, optimal (solid) and random (dashed). Noise alone has a mean norm of "
-        f"{number(mean_norm(floor))} mm: a mean error cannot be smaller."
+        f"{number(mean_norm(floor))} mm: no mean error can be expected to be smaller."
     )
     return Illustration(settle(figure), "paper_measured", "Against noisy test data", caption)

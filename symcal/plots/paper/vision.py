@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from matplotlib.colors import to_rgb
 from matplotlib.patches import Polygon, Rectangle
 from numpy.typing import NDArray
 
 from symcal.paper_study.plans import camera_sees
 from symcal.paper_study.results import Setting, Study
 from symcal.plots.paper.looks import PLANS
-from symcal.plots.space import draw_arm, draw_camera, draw_face, draw_points, space_axes
+from symcal.plots.space import draw_arm, draw_camera, draw_face, draw_label, draw_points, space_axes
 from symcal.plots.style import BLUE, FAINT, INK, WIDE, Illustration, grid, print_settings, settle, sheet
 from symcal.words import number, plural
 
@@ -24,7 +25,7 @@ def vision(study: Study, plan: str) -> Illustration:
     sees = camera_sees(setting)(poses)
     with print_settings():
         figure = sheet(WIDE, 66)
-        cells = figure.add_gridspec(1, 2, width_ratios=[1.25, 1.0])
+        cells = figure.add_gridspec(1, 2, width_ratios=[1.5, 1.0])
         _scene(figure, cells[0], setting)
         image: Any = figure.add_subplot(cells[1])
         _image(image, setting, poses, sees)
@@ -50,11 +51,14 @@ def _scene(figure: Any, cell: Any, setting: Setting) -> None:
     eye = view.T_world_camera[:3, 3]
     around = np.vstack([nodes, corners, eye[None], [[-500, 0, 0], [500, 0, 0]]])
     # from the camera's side, to which the target turns its face
-    axes = space_axes(figure, cell, around, azimuth=28.0, elevation=18.0, zoom=1.15)
+    axes = space_axes(figure, cell, around, azimuth=28.0, elevation=18.0, zoom=1.3)
     draw_camera(axes, view.camera, view.T_world_camera, 0.6 * float(np.linalg.norm(tool[:3, 3] - eye)))
     draw_arm(axes, nodes)
     draw_face(axes, corners, BLUE)
     draw_points(axes, corners, marker="o", markersize=1.6, color=INK)
+    above = np.array([0.0, 0.0, 120.0])
+    draw_label(axes, corners.mean(axis=0) + above, "target")
+    draw_label(axes, eye + above, "camera")
     axes.set_title("the scene", y=0.98)
 
 
@@ -67,7 +71,7 @@ def _image(axes: Any, setting: Setting, poses: Array, sees: NDArray[np.bool_]) -
                 Polygon(
                     corners,
                     closed=True,
-                    facecolor=(*_rgb(BLUE), 0.12) if seen else "none",
+                    facecolor=(*to_rgb(BLUE), 0.12) if seen else "none",
                     edgecolor=BLUE if seen else FAINT,
                     linewidth=0.7 if seen else 0.6,
                     linestyle="-" if seen else ":",
@@ -79,9 +83,3 @@ def _image(axes: Any, setting: Setting, poses: Array, sees: NDArray[np.bool_]) -
     axes.set_aspect("equal")
     axes.set(xlabel="u / px", ylabel="v / px", title="what the camera sees")
     grid(axes, "both")
-
-
-def _rgb(color: str) -> tuple[float, float, float]:
-    from matplotlib.colors import to_rgb
-
-    return to_rgb(color)

@@ -10,6 +10,9 @@ from symcal.words import number, plural
 
 Content = Mapping[str, Any]
 
+_GENERATIONS = 200
+"""Of the paper's genetic algorithm."""
+
 PLAN_LABELS = {
     "certified": "certified",
     "ga": "GA, information",
@@ -40,11 +43,12 @@ def plans(content: Content) -> list[Block]:
     ]
     random = two["random_expected_rms_mm"]
     smaller = found["paper_ga"]["condition_number"] < found["certified"]["condition_number"]
+    as_paper = " as in the paper" if search["generations"] == _GENERATIONS else f" (paper: {_GENERATIONS})"
     return [
         heading("The optimal trajectory"),
         paragraph(
             f"Four plans of {plural(poses, 'pose')} are compared. The paper's: a genetic algorithm ({search['coding']} "
-            f"coding of {search['bits']} bits per joint, {search['generations']} generations as in the paper, "
+            f"coding of {search['bits']} bits per joint, {search['generations']} generations{as_paper}, "
             f"{search['population']} plans, ours) that minimises the paper's eq. 12. The same algorithm with the "
             "information of the whole plan in place of the condition numbers. A certified plan: exchange of poses "
             "until none helps, with a proven bound of how much better any plan could be. And a random one. Each is "

@@ -42,7 +42,7 @@ def far_parameters(content: Content) -> list[str]:
 def _main(content: Content) -> str:
     faults = []
     if content["plans"]["paper_ga"]["beats_random_expected"] < 0.5:
-        faults.append("its fitness chooses poses that are worse than random ones")
+        faults.append("its fitness, as we read it, chooses poses that are worse than random ones")
     if content["gauge"]["nominal"]["rank"] < content["gauge"]["nominal"]["parameters"]:
         faults.append("not all its parameters can be known from what it measures")
     start = (

@@ -75,6 +75,8 @@ _PATHS: tuple[tuple[str, ...], ...] = (
     ("plan", "required"),
     ("plan", "candidates"),
     ("plan", "region", "file"),
+    ("plan", "constraints", "camera", "file"),
+    ("plan", "constraints", "camera", "target"),
 )
 
 

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
 from symcal.camera_files import Distortion, Intrinsics, Lens, Triangle
@@ -21,6 +21,11 @@ Array = NDArray[np.float64]
 
 MethodName = Literal["certified", "combined", "exchange", "refine", "genetic", "random"]
 CriterionName = Literal["D", "A", "E", "cond", "O1", "O2", "O3", "O4", "O5", "I", "G", "J"]
+
+
+def _file_or_given(value: object) -> str:
+    """Which branch of a union is meant, so that a mistake is explained for that one."""
+    return "file" if isinstance(value, str) else "given"
 
 
 def _rising(pair: list[float]) -> list[float]:
@@ -135,7 +140,9 @@ class CameraConstraint(Strict):
     lens: Lens | None = None
     distortion: Distortion = Distortion()
     placement: Placement
-    target: str | TargetShape
+    target: Annotated[
+        Annotated[str, Tag("file")] | Annotated[TargetShape, Tag("given")], Discriminator(_file_or_given)
+    ]
     margin_px: _NotNegative = 0.0
     depth: _Pair | None = None
     incidence: _Positive | None = None
@@ -265,7 +272,9 @@ class PlanConfig(Strict):
     region: Annotated[AreaRegion | BoxRegion | FileRegion, Field(discriminator="type")] | None = None
     start: list[float] | None = None
     speeds: dict[str, _Positive] = {}
-    required: str | list[list[float]] = []
+    required: Annotated[
+        Annotated[str, Tag("file")] | Annotated[list[list[float]], Tag("given")], Discriminator(_file_or_given)
+    ] = []
     candidates: str | None = None
     distance: _NotNegative = 0.0
     margins: Margins = Margins()

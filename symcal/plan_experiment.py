@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from symcal import results
+from symcal import config, results
 from symcal.documents import write_document
 from symcal.experiment import Experiment, load
 from symcal.plan_config import PlanConfig
@@ -147,7 +147,9 @@ def _promise(
     counts = sorted(set(asked.counts)) or _counts(fewest_poses(info), wanted.poses)
     objective = wanted.criterion if wanted.criterion not in (None, "J") else "D"
     progress("foretelling errors against the number of poses")
-    known = ground(info, for_ground, region=problem.region, feasible=problem.feasible)
+    known = ground(
+        info, for_ground, region=problem.region, aligned=problem.aligned, feasible=problem.feasible
+    )
     foretold = promise(
         info,
         counts,
@@ -226,7 +228,7 @@ def write(outcome: PlanOutcome, folder: Path, progress: Progress) -> None:
         planned.motion if planned.timed else None,
         names=planned.names,
     )
-    resolved = experiment.file.model_dump(mode="json", by_alias=True, exclude_none=True)
+    resolved = config.resolved(experiment.file, experiment.document, folder)
     write_document(folder / "experiment.resolved.yaml", resolved | {"seed": experiment.seed})
     (folder / "tables").mkdir()
     tool = problem.arm.motion(poses)[0]

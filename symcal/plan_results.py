@@ -34,6 +34,7 @@ def plan_facts(plan: Plan) -> dict[str, Any]:
         "rank": plan.rank,
         "noise_sigma_mm": plan.sigmas.get("position"),
         "noise_sigma_deg": _degrees(plan.sigmas.get("orientation")),
+        "noise_sigma_px": plan.sigmas.get("image"),
         "method": plan.method,
         "criterion": plan.criterion,
         "criterion_value": plan.value,

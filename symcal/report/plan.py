@@ -177,6 +177,8 @@ def _facts(content: Content) -> list[list[str]]:
     noise = [f"{number(plan['noise_sigma_mm'])} mm per axis of position"] if plan["noise_sigma_mm"] else []
     if plan["noise_sigma_deg"]:
         noise.append(f"{number(plan['noise_sigma_deg'])} deg per axis of orientation")
+    if plan["noise_sigma_px"]:
+        noise.append(f"{number(plan['noise_sigma_px'])} px per axis of the image")
     facts = [
         ["method", f"{plan['method']}: {_METHODS[plan['method']]}"],
         ["criterion", _CRITERIA.get(plan["criterion"], f"observability index {plan['criterion']}")],

@@ -49,6 +49,8 @@ def _noise(content: Content) -> str:
     words = [f"{number(plan['noise_sigma_mm'])} mm"] if plan["noise_sigma_mm"] else []
     if plan["noise_sigma_deg"]:
         words.append(f"{number(plan['noise_sigma_deg'])} deg")
+    if plan["noise_sigma_px"]:
+        words.append(f"{number(plan['noise_sigma_px'])} px")
     return " and ".join(words)
 
 

@@ -42,6 +42,8 @@ def verdict(content: Content) -> list[str]:
             "The uncertainty of the parameters alone, without the noise of a measurement, lets expect "
             f"{number(expected)} mm rms at the {'held-out' if part == 'test' else 'training'} poses."
         )
+    if content.get("promise"):
+        sentences.append(_promise(content["promise"]))
     if part == "train":
         sentences.append("No pose was held out, so nothing here says how accurate the robot is at other poses.")
     return [*sentences, _seen(content)]
@@ -77,6 +79,21 @@ def _truth(content: Content) -> str:
     return (
         f"Against the simulated truth, without noise, the error {_moved(before, after)} from {number(before)} to "
         f"{number(after)} mm rms on {plural(count, 'test point')}."
+    )
+
+
+def _promise(kept: Mapping[str, Any]) -> str:
+    """What the plan foretold for the held-out poses, and what came of it."""
+    foretold, true = kept["predicted_rms_mm"], kept["found_true_rms_mm"]
+    if true is not None:
+        return (
+            f"Before anything was measured these {kept['poses']} training poses foretold {number(foretold)} mm rms at the "
+            f"held-out poses from the stated noise; against the truth {number(true)} mm came of it."
+        )
+    return (
+        f"Before anything was measured these {kept['poses']} training poses foretold "
+        f"{number(kept['predicted_measured_rms_mm'])} mm rms at the held-out poses, noise of the measurement included; "
+        f"{number(kept['found_measured_rms_mm'])} mm were found."
     )
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from symcal import uncertainty
 from symcal.estimation import Fit
-from symcal.evaluate import Errors
+from symcal.evaluate import Errors, without_rigid_motion
 from symcal.model import Model, State
 from symcal.registration import rigid_fit
 
@@ -42,18 +42,12 @@ def aligned_errors(predicted: Array, truth: Array) -> Errors:
 def expected_centre_rms(model: Model, result: Fit, q: Array) -> Array:
     """Predicted rms error of the target's centre at each pose after one rigid alignment of all, shape (N,), mm."""
     points, slopes = _points(model, q, result.x, result.setup.vector)
-    count = len(q)
-    centre = points.reshape(count, -1, 3).mean(axis=1)
     index = model.parameters.indices(result.free)
-    jacobian = slopes.reshape(count, -1, 3, slopes.shape[-1]).mean(axis=1)[:, :, index]
-    arm = centre - centre.mean(axis=0)
-    motion = np.concatenate(
-        [np.broadcast_to(np.eye(3), (count, 3, 3)), np.cross(np.eye(3)[None], arm[:, None, :])], axis=2
-    ).reshape(-1, 6)
-    flat = jacobian.reshape(3 * count, -1)
-    basis, _ = np.linalg.qr(motion / np.linalg.norm(motion, axis=0))
-    left = (flat - basis @ (basis.T @ flat)).reshape(jacobian.shape)
-    return uncertainty.predicted_rms(left, uncertainty.covariance(result.identifiability))
+    centre = points.reshape(len(q), -1, 3).mean(axis=1)
+    jacobian = slopes.reshape(len(q), -1, 3, slopes.shape[-1]).mean(axis=1)[:, :, index]
+    return uncertainty.predicted_rms(
+        without_rigid_motion(centre, jacobian), uncertainty.covariance(result.identifiability)
+    )
 
 
 def _points(model: Model, q: Array, x: Array, setup: Array) -> tuple[Array, Array]:

@@ -71,7 +71,7 @@ def evaluate(state: State, data: Dataset) -> Errors:
     if model.task.kind == "pose":
         index = np.arange(len(data))
         return Errors(error[:, :3], index, np.zeros_like(index), error[:, 3:])
-    seen = np.isfinite(data.z).reshape(len(data), -1, 3).all(axis=2)
+    seen = np.isfinite(data.z).reshape(len(data), -1, model.measurement.groups[0].block).all(axis=2)
     pose, point = np.nonzero(seen)
     return Errors(error.reshape(len(data), -1, 3)[seen], pose, point, None)
 
@@ -79,18 +79,33 @@ def evaluate(state: State, data: Dataset) -> Errors:
 def expected_position_rms(model: Model, result: Fit, q: Array) -> Array:
     """Predicted rms position error of the tool (or of its points) at each pose, shape (N,), mm; from the covariance.
 
-    The noise of the measurement that it would be compared with is not in it.
+    The noise of the measurement that it would be compared with is not in it. Where only a camera says where the world
+    is, it is the error after one rigid alignment of all poses.
     """
     index = model.parameters.indices(result.free)
     if model.task.kind == "pose":  # the tool in world, whatever the instrument's side
         _, _, jacobian = model.flange(q, result.x, result.setup.vector)
         points = 1
+    elif model.points is not None:
+        at, jacobian = model.points(q, result.x, result.setup.vector)
+        points = jacobian.shape[1] // 3
+        jacobian = without_rigid_motion(at.reshape(-1, 3), jacobian)
     else:
         (jacobian,) = model.jacobian(q, result.x, result.setup.vector)
         points = jacobian.shape[1] // 3
     rows = jacobian[:, : 3 * points, index]
     rms = uncertainty.predicted_rms(rows, uncertainty.covariance(result.identifiability))
     return np.asarray(rms / np.sqrt(points))
+
+
+def without_rigid_motion(points: Array, jacobian: Array) -> Array:
+    """Jacobian (N, 3 k, n) of points (N k, 3) without what one rigid motion of all of them can do."""
+    arm = points - points.mean(axis=0)
+    turn = np.cross(np.eye(3), arm[:, None, :])
+    motion = np.concatenate([np.broadcast_to(np.eye(3), turn.shape), turn], axis=2).reshape(-1, 6)
+    basis, _ = np.linalg.qr(motion / np.linalg.norm(motion, axis=0))
+    flat = jacobian.reshape(-1, jacobian.shape[2])
+    return np.asarray((flat - basis @ (basis.T @ flat)).reshape(jacobian.shape))
 
 
 def folds(data: Dataset, count: int, rng: np.random.Generator) -> list[NDArray[np.intp]]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from symcal import config, results
-from symcal.config import ExperimentFile, FileData, SimulatedData
+from symcal.config import ExperimentFile, FileData, RenderedData, SimulatedData
 from symcal.credibility import claim
 from symcal.dataset import Dataset
 from symcal.documents import Document, write_document
@@ -21,6 +21,8 @@ from symcal.experiment_data import measurements
 from symcal.handover import POSES, Handover, hand_over
 from symcal.handover_results import correction_facts, handover_facts
 from symcal.identify import Calibration, baseline_model, calibrate
+from symcal.image_files import write_images
+from symcal.image_run import AGAINST, ImageRun, run_images
 from symcal.measurement_file import save_measurements
 from symcal.model import Model, build_model
 from symcal.plan_problem import plan_problem
@@ -53,7 +55,7 @@ class Outcome:
     """What an identification run found.
 
     planned: the plan behind simulated data, if they have one. handover: what compensation achieves, where the truth is
-        known.
+        known. images: of a simulated measurement with a camera; its errors are against the truth.
     """
 
     experiment: Experiment
@@ -64,6 +66,7 @@ class Outcome:
     errors: Mapping[str, Mapping[str, Errors]]
     handover: Handover | None
     content: Mapping[str, Any]
+    images: ImageRun | None = None
 
 
 def load(path: Path, *, seed: int | None = None, overrides: Sequence[str] = ()) -> Experiment:
@@ -112,6 +115,9 @@ def run(
 
 def identify_experiment(experiment: Experiment, *, data: Path | None = None, progress: Progress) -> Outcome:
     """Measure (or read), identify, evaluate."""
+    simulated = isinstance(experiment.file.data, SimulatedData | RenderedData)
+    if experiment.model.task.scene is not None and simulated and data is None:
+        return _with_images(experiment, progress)
     rng = np.random.default_rng(experiment.seed)
     planned = None if data else plan_of(experiment, progress)
     progress("reading the measurements" if isinstance(experiment.file.data, FileData) or data else "simulating")
@@ -142,6 +148,25 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     content["controller"] = correction_facts(calibration.robot)
     content["compensation"] = None if handover is None else handover_facts(handover)
     return Outcome(experiment, measured, planned, found.inputs, calibration, errors, handover, content)
+
+
+def _with_images(experiment: Experiment, progress: Progress) -> Outcome:
+    """A simulated measurement with a camera, judged against the truth."""
+    own = (experiment.file, experiment.document, experiment.model, experiment.options)
+    found = run_images(*own, experiment.seed, progress)
+    calibration = found.calibration
+    notes = [*found.notes, *claim(found.errors)]
+    inputs = (experiment.document.path, experiment.robot_path, *found.inputs)
+    content = _content(replace(experiment, model=found.model), found.data, inputs, calibration, found.errors, notes)
+    content |= found.facts
+    content["against"] = AGAINST
+    content["measurement"]["poses"]["test"] = len(found.test)
+    handover = _handover(experiment, calibration, found.truth, np.random.default_rng(experiment.seed))
+    content["controller"] = correction_facts(calibration.robot)
+    content["compensation"] = handover_facts(handover)
+    return Outcome(
+        experiment, found.data, found.planned, found.inputs, calibration, found.errors, handover, content, found
+    )
 
 
 def _handover(experiment: Experiment, calibration: Calibration, truth: Robot, rng: np.random.Generator) -> Handover:
@@ -240,16 +265,21 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
     (folder / "tables").mkdir()
     for name, table in tables(outcome.content, calibration, outcome.data, outcome.errors).items():
         table.to_csv(folder / "tables" / f"{name}.csv", index=False)
+    if outcome.images is not None:
+        write_images(outcome.images, folder)
     if not (experiment.file.outputs.figures or experiment.file.outputs.report):
         return outcome
     from symcal.plots import identification_figures
     from symcal.plots.handover import handover_figures
+    from symcal.plots.images import image_figures
     from symcal.report import save_figures, write_report
 
     progress("drawing")
-    illustrations = identification_figures(calibration, outcome.data, outcome.errors)
+    illustrations = identification_figures(calibration, outcome.data, outcome.errors, outcome.content["against"])
     if outcome.handover is not None:
         illustrations += handover_figures(outcome.handover)
+    if outcome.images is not None:
+        illustrations += image_figures(outcome.images)
     pictures = save_figures(illustrations, folder / "figures")
     if experiment.file.outputs.report:
         progress("writing the report")

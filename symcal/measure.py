@@ -36,9 +36,6 @@ Array = NDArray[np.float64]
 
 _BLAS = ThreadpoolController()
 
-SIGMA_FLOOR_PX = 0.006
-"""What is left of a disc's centre after all corrections, beside the image's noise; added to it in squares."""
-
 _FIRST = 16  # images that are looked at without a prediction
 _FEWEST = 5  # of them that must show the target
 
@@ -224,13 +221,12 @@ def _reader(path: Path) -> Callable[[], NDArray[np.generic]]:
 
 
 def _dataset(kept: Sequence[tuple[Shot, Detection]], target: Target) -> Dataset:
+    """Image points without a stated noise: that of the image is the least part of it, and the residuals tell it all."""
     z = np.full((len(kept), 2 * len(target.names)), np.nan)
-    sigma = np.full_like(z, np.nan)
     for row, (_, detection) in enumerate(kept):
-        for name, pixel, own in zip(detection.names, detection.pixels, detection.sigma_px, strict=True):
+        for name, pixel in zip(detection.names, detection.pixels, strict=True):
             k = target.names.index(name)
             z[row, 2 * k : 2 * k + 2] = pixel
-            sigma[row, 2 * k : 2 * k + 2] = np.hypot(own, SIGMA_FLOOR_PX)
     return Dataset(
         kind="pixels",
         q=np.array([shot.q for shot, _ in kept]),
@@ -238,7 +234,6 @@ def _dataset(kept: Sequence[tuple[Shot, Detection]], target: Target) -> Dataset:
         labels=tuple(shot.label for shot, _ in kept),
         split=tuple(shot.split for shot, _ in kept),
         point_names=target.names,
-        sigma=sigma,
         provenance="images",
     )
 

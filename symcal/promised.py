@@ -29,7 +29,7 @@ def promise_kept(
     Args:
         errors: by part and state, as `symcal.evaluate.compare` gives them.
     """
-    if "test" not in data.split or "after" not in errors.get("test", {}):
+    if model.task.scene is not None or "test" not in data.split or "after" not in errors.get("test", {}):
         return None
     try:
         sigmas = nominal_noise(file, model)

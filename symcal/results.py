@@ -85,7 +85,7 @@ def identifiability_facts(seen: Identifiability) -> dict[str, Any]:
 
 def identification_facts(fit: Fit, parameters: ParameterSet, sigmas: Mapping[str, float | None]) -> dict[str, Any]:
     """The solver's words, the noise with its degrees of freedom, and every parameter in mm and rad."""
-    position, orientation = fit.sigmas.get("position"), fit.sigmas.get("orientation")
+    position, orientation, image = (fit.sigmas.get(group) for group in ("position", "orientation", "image"))
     return {
         "solver": fit.solution.solver,
         "status": fit.solution.status.name.lower(),
@@ -93,6 +93,7 @@ def identification_facts(fit: Fit, parameters: ParameterSet, sigmas: Mapping[str
         "iterations": fit.iterations,
         "noise_sigma_mm": None if position is None else float(position),
         "noise_sigma_deg": None if orientation is None else float(np.rad2deg(orientation)),
+        "noise_sigma_px": None if image is None else float(image),
         "noise_estimated": list(fit.estimated),
         "equations": fit.equations,
         "dof": fit.dof,
@@ -127,7 +128,7 @@ def _statistics(values: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, floa
 
 
 def frame_facts(setup: Setup, point_names: tuple[str, ...]) -> dict[str, Any]:
-    """Base, tool and tool points as found, in mm and deg."""
+    """Base, tool, tool points, and camera if there is one, as found, in mm and deg."""
 
     def frame(matrix: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, list[float]]:
         return {
@@ -138,6 +139,7 @@ def frame_facts(setup: Setup, point_names: tuple[str, ...]) -> dict[str, Any]:
     return {
         "base": frame(setup.base),
         "tool": frame(setup.tool),
+        **({} if setup.camera is None else {"camera": frame(setup.camera)}),
         "points_mm": {name: setup.points[k].tolist() for k, name in enumerate(point_names)},
     }
 

@@ -54,6 +54,7 @@ def _error_table(calibration: Calibration, data: Dataset, errors: Mapping[str, M
         if split not in errors:
             continue
         labels = data.part(split).labels
+        labels = labels or tuple(str(i + 1) for i in range(int(max(e.pose.max() for e in errors[split].values())) + 1))
         for state, found in errors[split].items():
             for k, norm in enumerate(found.position):
                 rows.append(
@@ -61,7 +62,7 @@ def _error_table(calibration: Calibration, data: Dataset, errors: Mapping[str, M
                         "data": split,
                         "state": state,
                         "pose": labels[found.pose[k]],
-                        "point": names[found.point[k]] if names else "",
+                        "point": names[found.point[k]] if names and found.point.max() else "",
                         "x_mm": found.vectors[k, 0],
                         "y_mm": found.vectors[k, 1],
                         "z_mm": found.vectors[k, 2],

@@ -43,7 +43,7 @@ def test_camera_and_mount_are_found_from_the_images(scene):
     assert found.found
     error = found.data.z.reshape(-1, 3, 2) - truth
     assert np.sqrt(np.mean(error**2)) < 0.03
-    assert np.all(found.data.sigma >= 0.006)
+    assert found.data.sigma is None  # the residuals of an identification tell it
     assert found.data.labels[3] == "pose 3"
     assert np.linalg.norm(found.T_world_camera[:3, 3] - T_WORLD_CAMERA[:3, 3]) < 60
 

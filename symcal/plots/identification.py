@@ -17,21 +17,24 @@ from symcal.plots.spectrum import singular_values
 from symcal.plots.style import Comparison, Illustration
 
 
-def identification_figures(calibration: Calibration, data: Dataset, errors: Comparison) -> tuple[Illustration, ...]:
+def identification_figures(
+    calibration: Calibration, data: Dataset, errors: Comparison, against: str = "noisy measurement"
+) -> tuple[Illustration, ...]:
     """The figures that say what an identification is worth.
 
     Args:
         data: the measurements with their splits.
         errors: by part (`train`; `test`, `cross_validation`, `truth` where there are any) and state, as
             `evaluate.compare` gives them.
+        against: what the errors are taken against.
     """
     parts: dict[str, Dataset] = {name: data.part(name) for name in ("train", "test") if name in data.split}
     labels: dict[str, Sequence[str]] = {name: part.labels for name, part in parts.items()}
     judged = next(part for part in ("test", "cross_validation", "train") if errors.get(part))
     figures = [
-        errors_per_pose(errors, labels),
-        error_distribution(errors[judged], judged),
-        residuals_per_axis(errors),
+        errors_per_pose(errors, labels, against),
+        error_distribution(errors[judged], judged, against=against),
+        residuals_per_axis(errors, against),
         parameter_corrections(calibration),
         convergence(calibration, parts),
         singular_values(calibration.after.identifiability),
@@ -40,6 +43,6 @@ def identification_figures(calibration: Calibration, data: Dataset, errors: Comp
         figures.insert(2, error_distribution(errors["truth"], "truth", name="true_error_distribution"))
     if sum(s is not None for s in uncertainty.sigmas(calibration.after.identifiability)) > 1:
         figures.append(correlation_matrix(calibration.after))
-    if errors.get("test"):
+    if errors.get("test") and "test" in parts and calibration.model.task.scene is None:
         figures.append(predicted_error(calibration, parts["test"], errors["test"]["after"]))
     return tuple(figures)

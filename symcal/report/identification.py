@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from symcal.report.handover import handover_text
+from symcal.report.images import images_text
 from symcal.report.parameter_table import parameter_table
 from symcal.report.verdict import judging_part, verdict
 from symcal.words import MINUS, fixed, listed, number, plural
@@ -47,6 +48,7 @@ def identification_text(content: Content) -> dict[str, Any]:
         "verdict": verdict(content),
         "warnings": list(content.get("warnings", [])),
         "accuracy": _accuracy(content),
+        "images": images_text(content),
         "identifiability": _identifiability(content),
         "parameters": parameter_table(content["identification"]["parameters"]),
         "frames": _frames(content.get("frames", {}), content["measurement"].get("estimate", [])),
@@ -166,7 +168,7 @@ def _unseen(entry: Mapping[str, Any]) -> str:
 
 def _frames(frames: Mapping[str, Any], estimated: Sequence[str]) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
-    for key, label in (("base", "base in world"), ("tool", "tool in flange")):
+    for key, label in (("base", "base in world"), ("tool", "tool in flange"), ("camera", "camera in world")):
         if key in frames:
             cells = [fixed(v, 3) for v in frames[key]["xyz_mm"]] + [fixed(v, 4) for v in frames[key]["rpy_deg"]]
             rows.append({"label": label, "cells": cells, "estimated": key in estimated})
@@ -196,7 +198,11 @@ def _facts(content: Content) -> list[list[str]]:
 
 def _noise(found: Mapping[str, Any]) -> str:
     parts = []
-    for key, group, unit in (("noise_sigma_mm", "position", "mm"), ("noise_sigma_deg", "orientation", "deg")):
+    for key, group, unit in (
+        ("noise_sigma_mm", "position", "mm"),
+        ("noise_sigma_deg", "orientation", "deg"),
+        ("noise_sigma_px", "image", "px"),
+    ):
         if found.get(key) is not None:
             how = "estimated from the training data" if group in found.get("noise_estimated", []) else "given"
             parts.append(f"{number(found[key])} {unit} per axis of {group} ({how})")

@@ -63,3 +63,18 @@ def _cut(content: bytes) -> bool:
         scan = content.rfind(b"\xff\xda")
         return scan < 0 or content.find(b"\xff\xd9", scan) < 0
     return content.startswith(b"\x89PNG\r\n\x1a\n") and b"IEND" not in content[-64:]
+
+
+def write_image(path: Path | str, image: Image) -> None:
+    """Write grey levels as PNG.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    done, content = cv2.imencode(".png", image)
+    try:
+        if not done:
+            raise OSError(0, "it cannot be encoded")
+        Path(path).write_bytes(content.tobytes())
+    except OSError as error:
+        raise InputError(f"the image cannot be written: {error.strerror}", file=path) from None

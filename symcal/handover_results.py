@@ -81,6 +81,7 @@ def code_facts(delivery: Delivery) -> dict[str, Any]:
             "compensated_mm": check.compensated_mm,
             "compensated_mean_mm": check.compensated_mean_mm,
             "reached_share": check.reached,
+            "status": {name.lower(): count for name, count in check.status.items()},
         }
     return facts
 

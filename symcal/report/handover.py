@@ -12,6 +12,14 @@ Content = Mapping[str, Any]
 
 _MOST = 6  # decimals
 _NOTHING = 1e-9  # mm or deg: rounding of a number that was not identified
+_KEPT = {
+    "limit": "with a joint at its limit ({})",
+    "cap": "with a correction at its cap ({})",
+    "closest": "where too few joints or a singularity leave no way ({})",
+    "outside": "outside the limits ({})",
+}
+_MANY = 0.1
+"""Share of poses at a cap above which the corrections themselves are in doubt."""
 _STATES = {
     "before": "before the calibration",
     "without": "calibrated, commands not compensated",
@@ -200,9 +208,15 @@ def _check(check: Content | None) -> str:
         f"Compiled here ({check['compiler']}) and compared with Python at {plural(check['poses'], 'random pose')}: "
         f"tool positions agree {exact} in double and to {number(check['float_mm'])} mm in single precision. In double "
         f"the compensation reaches {number(100 * check['reached_share'])} % of the poses and leaves "
-        f"{number(check['compensated_mean_mm'])} mm on average by the calibrated model; the rest cannot be "
-        "reached within limits and caps."
+        f"{number(check['compensated_mean_mm'])} mm on average by the calibrated model"
     )
+    kept = [_KEPT[name].format(count) for name, count in check["status"].items() if name in _KEPT]
+    text += f"; the others end {listed(kept)}." if kept else "."
+    if check["status"].get("cap", 0) > _MANY * check["poses"]:
+        text += (
+            f" At {plural(check['status']['cap'], 'pose')} a correction is as large as its cap: look at the "
+            "corrections, and at the base frame that they refer to, before the code is used."
+        )
     if check["code_bytes"]:
         double, single = (_size(check["code_bytes"][kind]) for kind in ("double", "float"))
         text += (

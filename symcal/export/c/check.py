@@ -7,7 +7,7 @@ import logging
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +24,9 @@ Array = NDArray[np.float64]
 
 logger = logging.getLogger(__name__)
 
+STATUSES = ("REACHED", "LIMIT", "CAP", "CLOSEST", "OUTSIDE")
+"""How a compensation in C ends; the order is that of the header."""
+
 _TIMEOUT_S = 120.0
 
 
@@ -36,7 +39,7 @@ class CCheck:
     double_mm, float_mm: largest distance of the calibrated tool's position from Python's.
     uncompensated_mm, compensated_mm: largest distance of the calibrated tool from the nominal one's position, without
     and with compensation in double; compensated_mean_mm the mean. reached: share of readings that are compensated
-    fully.
+    fully. status: how many ended how.
     """
 
     compiler: str
@@ -48,6 +51,7 @@ class CCheck:
     compensated_mm: float
     compensated_mean_mm: float
     reached: float
+    status: Mapping[str, int]
 
 
 class CLibrary:
@@ -158,6 +162,7 @@ def check_c(export: CExport, robot: Robot, rng: np.random.Generator, count: int 
             compensated_mm=float(left.max()),
             compensated_mean_mm=float(left.mean()),
             reached=float((status == 0).mean()),
+            status={name: count for k, name in enumerate(STATUSES) if (count := int((status == k).sum()))},
         )
 
 

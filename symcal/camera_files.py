@@ -195,12 +195,16 @@ def read_target(path: Path | str) -> Target:
     Raises:
         InputError: with file, line and key.
     """
-    document = read_document(path)
-    file = validate(document, TargetFile)
-    try:
-        return file.target()
-    except InputError as error:
-        raise _located(document, error) from None
+    return _target(read_document(path))
+
+
+def target_from_dict(data: Mapping[str, Any], name: Path | str = "target") -> Target:
+    """The target that `target_to_dict` wrote; `name` is for messages.
+
+    Raises:
+        InputError: unknown or missing keys, wrong types, impossible numbers.
+    """
+    return _target(Document(Path(name), dict(data), {}))
 
 
 def write_target(path: Path | str, target: Target) -> None:
@@ -212,6 +216,14 @@ def _camera(document: Document) -> Camera:
     file = validate(document, CameraFile)
     try:
         return file.camera()
+    except InputError as error:
+        raise _located(document, error) from None
+
+
+def _target(document: Document) -> Target:
+    file = validate(document, TargetFile)
+    try:
+        return file.target()
     except InputError as error:
         raise _located(document, error) from None
 

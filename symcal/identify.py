@@ -20,6 +20,7 @@ from symcal.placement import place as place
 from symcal.placement import stated
 from symcal.robot import Record, Robot
 from symcal.rows import rows_of
+from symcal.scene_record import scene_record
 
 Array = NDArray[np.float64]
 
@@ -112,6 +113,11 @@ def baseline_model(model: Model) -> Model | None:
     return build_model(model.robot, task)
 
 
+def _scene(model: Model, nominal: Setup, found: Setup, errors: dict[str, float]) -> dict[str, Any]:
+    record = scene_record(model, nominal, found, errors)
+    return {"scene": record} if record else {}
+
+
 def calibrated_robot(model: Model, result: Fit) -> Robot:
     """The robot with its identified numbers, frames and covariance."""
     errors = model.parameters.mapping(result.x)
@@ -128,6 +134,7 @@ def calibrated_robot(model: Model, result: Fit) -> Robot:
             "type": model.task.kind,
             "invert": model.task.invert,
             "points_mm": {name: setup.points[k].tolist() for k, name in enumerate(model.measurement.point_names)},
+            **_scene(model, result.setup, setup, errors),
         },
         "noise_sigma": {f"{g.name}_{g.unit}": result.sigmas.get(g.name) for g in model.measurement.groups},
         "rank": result.identifiability.rank,

@@ -16,12 +16,12 @@ from symcal.estimation import Options
 from symcal.evaluate import Errors, evaluate
 from symcal.identify import place
 from symcal.measurement_file import load_measurements
-from symcal.measurements import Setup
-from symcal.model import Model, Part, State, Task, build_model
+from symcal.model import Model, Part, State, Task, build_model, pixels_task
 from symcal.robot import Robot, load_robot
 from symcal.run_folder import run_folder, write_json
+from symcal.scene_record import recorded_scene
 
-_PARTS: tuple[Part, ...] = ("base", "tool", "points")
+_PARTS: tuple[Part, ...] = ("base", "tool", "points", "camera")
 
 
 def validate_robot(
@@ -36,8 +36,8 @@ def validate_robot(
     `before` is nominal kinematics with the frames that were fitted on the training data, `after` the calibrated robot.
 
     Args:
-        refit: frames to fit to the new data first, for both (the instrument or the tool was moved in between). What is then left says how well
-            the kinematics carry over, not where the robot stands.
+        refit: frames to fit to the new data first, for both (the instrument or the tool was moved in between). What is
+            then left says how well the kinematics carry over, not where the robot stands.
     Raises:
         InputError: a robot that was never calibrated, unreadable data, or parts that cannot be fitted.
     """
@@ -45,16 +45,15 @@ def validate_robot(
     if robot.record is None:
         message = "this robot has no 'calibration': validate takes the calibrated.yaml of a run"
         raise InputError(message, file=calibrated)
-    task = _task(robot, calibrated, refit)
-    points = np.array(list(task.points.values())).reshape(-1, 3)
+    task = _task(robot, calibrated, refit, "after")
     progress("reading the measurements")
     new = load_measurements(data, robot, task.kind, point_names=task.point_names)
     new = replace(new, split=("test",) * len(new))
     errors: dict[str, Errors] = {}
     for name, subject in (("before", robot.nominal()), ("after", robot)):
         progress(f"evaluating: {name}")
-        model = build_model(subject, task)
-        errors[name] = evaluate(_state(model, subject, points, new, refit), new)
+        model = build_model(subject, _task(robot, calibrated, refit, name))
+        errors[name] = evaluate(_state(model, subject, new, refit), new)
     content = {
         **results.header(robot.name, f"Validation of {robot.name}", 0, (calibrated, data), Path.cwd()),
         "robot": results.robot_facts(robot),
@@ -71,16 +70,18 @@ def validate_robot(
     return content
 
 
-def _task(robot: Robot, file: Path, refit: tuple[str, ...]) -> Task:
+def _task(robot: Robot, file: Path, refit: tuple[str, ...], state: str) -> Task:
     assert robot.record is not None
     found = robot.record.provenance.get("measurement")
-    if not isinstance(found, dict) or found.get("type") not in ("position", "pose"):
+    if not isinstance(found, dict) or found.get("type") not in ("position", "pose", "pixels"):
         raise InputError("the calibration does not say how it was measured", file=file, key="calibration.provenance")
     parts = []
     for part in refit:
         if part not in _PARTS:
             raise InputError("no such part to fit", key="--refit", found=part, allowed=_PARTS)
         parts.append(part)
+    if found["type"] == "pixels":
+        return pixels_task(recorded_scene(found["scene"], state, file), parts)
     points = {name: (float(x), float(y), float(z)) for name, (x, y, z) in (found.get("points_mm") or {}).items()}
     return Task(
         kind=found["type"],
@@ -90,8 +91,8 @@ def _task(robot: Robot, file: Path, refit: tuple[str, ...]) -> Task:
     )
 
 
-def _state(model: Model, robot: Robot, points: Any, data: Any, refit: tuple[str, ...]) -> State:
-    start = replace(model, setup=Setup(robot.base, robot.tool, points if model.task.kind == "position" else np.zeros((0, 3))))
+def _state(model: Model, robot: Robot, data: Any, refit: tuple[str, ...]) -> State:
+    start = replace(model, setup=replace(model.setup, base=robot.base, tool=robot.tool))
     setup = place(start, data, Options()) if refit else start.setup
     return State(start, setup, np.zeros(len(model.parameters)))
 

@@ -15,6 +15,7 @@ from symcal.camera import Board, Camera, project_points
 from symcal.errors import InputError
 from symcal.measurement_file import load_measurements
 from symcal.robot import load_robot
+from symcal.validate import validate_robot
 from symcal.vision.board_views import board_views
 
 SMALL = {"width": 816, "height": 684, "units": {"image": "px"}}
@@ -94,6 +95,15 @@ def test_measured_image_points_are_identified_again_from_their_file(rendered, co
     assert results["accuracy"]["train"]["after"]["position_mm"]["rms"] < 0.02
     assert results["identification"]["noise_sigma_px"] < 0.02
     assert results["measurement"]["estimate"] == ["camera", "intrinsics", "tool"]
+
+
+def test_new_images_validate_a_calibrated_robot(rendered):
+    out, _ = rendered
+    found = validate_robot(out / "calibrated.yaml", out / "measurements.csv")["accuracy"]["test"]
+    assert found["before"]["position_mm"]["rms"] > 0.5
+    assert found["after"]["position_mm"]["rms"] < 0.02
+    moved = validate_robot(out / "calibrated.yaml", out / "measurements.csv", refit=("camera",))["accuracy"]["test"]
+    assert moved["after"]["position_mm"]["rms"] < 0.02
 
 
 def test_simulated_image_points(configs, tmp_path):

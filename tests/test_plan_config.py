@@ -88,7 +88,11 @@ def test_a_camera_is_placed_and_limits_what_can_be_measured(planning):
 @pytest.mark.parametrize(
     ("old", "new", "hint"),
     [
-        ("placement: {position: [300, 3000, 1200], look_at: [0, 500, 1100]}", "placement: {look_at: [0, 0, 0]}", "position"),
+        (
+            "placement: {position: [300, 3000, 1200], look_at: [0, 500, 1100]}",
+            "placement: {look_at: [0, 0, 0]}",
+            "position",
+        ),
         ("width: 2448, ", "", "width"),
         ("triangle: {side: 200}, ", "", "triangle"),
         ("look_at: [0, 500, 1100]", "look_at: [300, 3000, 0]", "parallel"),
@@ -155,7 +159,7 @@ def test_regions(planning, tmp_path):
 def test_a_bad_row_of_candidates_has_its_line(planning, tmp_path):
     poses = tmp_path / "candidates.csv"
     poses.write_text("pose,q1_deg,q2_mm,q3_mm,q4_deg,q5_deg\n1,0,1000,100,45,5\n2,0,1000,100,forty,5\n")
-    with pytest.raises(InputError, match="candidates.csv:3"):
+    with pytest.raises(InputError, match=r"candidates\.csv:3"):
         problem(planning, f"plan.candidates={poses}")
 
 

@@ -114,8 +114,9 @@ class Accuracy:
         )
 
     def mean_rms(self, total: Array) -> float:
-        """Root of the mean square error over the region, mm."""
-        return float(np.sqrt(np.sum(self.mean * np.linalg.inv(total))))
+        """Root of the mean square error over the region, mm; infinite where rounding leaves M indefinite."""
+        square = float(np.sum(self.mean * np.linalg.inv(total)))
+        return float(np.sqrt(square)) if square >= 0 else float("inf")
 
 
 def region_accuracy(info: PoseInformation, region: TaskRegion, *, aligned: bool = False) -> Accuracy:

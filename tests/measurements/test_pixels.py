@@ -34,7 +34,8 @@ def random_case(seed):
         robot, tool="frame" if tool else None, points=() if tool else NAMES, camera=True, intrinsics=lens
     )
     measurement = pixels(chain(robot, parameters), NAMES)
-    x = rng.normal(size=len(parameters)) * parameters.scales * 0.5
+    sizes = {"mm": 1.0, "rad": 0.01}
+    x = 0.5 * rng.normal(size=len(parameters)) * [sizes.get(p.unit, p.scale) for p in parameters.items]
     q = rng.uniform(-1, 1, robot.dof)
     setup = Setup(robot.base, robot.tool, rng.uniform(-80, 80, (4, 3)), np.eye(4), lens.intrinsics)
     world, _ = measurement.points(q, x, Setup(setup.base, setup.tool, setup.points, np.eye(4), setup.intrinsics).vector)
@@ -77,7 +78,7 @@ def test_jacobian_is_the_derivative(seed):
     np.testing.assert_array_equal(jacobian, np.array(measurement.jacobian(q, x, setup.vector)))
     for i in range(n):
         step = np.zeros(n)
-        step[i] = 1e-5 * measurement.parameters.scales[i]
+        step[i] = 1e-5 * {"mm": 1.0, "rad": 0.01}.get(measurement.parameters.units[i], measurement.parameters.scales[i])
         up, down = (np.array(measurement.predict(q, x + s, setup.vector)).ravel() for s in (step, -step))
         slope = (up - down) / (2 * step[i])
         np.testing.assert_allclose(jacobian[:, i], slope, rtol=1e-5, atol=1e-5 * np.abs(slope).max() + 1e-7)

@@ -33,7 +33,8 @@ def plausibility(data: Dataset, before: State) -> tuple[str, ...]:
     )
     small = reach > 1.0 and 0 < spread < reach / 30
     large = spread > 30 * max(reach, 1.0) or spread > 30 * max(_size(model, data), LEVER)  # a tool of any length fits
-    if small or large:
+    unit = model.measurement.groups[0].unit
+    if unit == "mm" and (small or large):
         raise RefusedError(
             f"the measured points spread over {spread:.3g} mm, the robot's over "
             f"{min(reach, _size(model, data)):.3g} mm: the measurements are not in the unit that their columns name"
@@ -41,16 +42,17 @@ def plausibility(data: Dataset, before: State) -> tuple[str, ...]:
     extent = max(reach, LEVER if model.task.kind == "pose" else 1.0)
     if error > 0.1 * extent:
         return (
-            f"nominal kinematics with fitted frames is off by {error:.4g} mm rms, {error / extent:.0%} of the measured "
-            "spread: check the order, units and signs of the joint columns, and the robot file",
+            f"nominal kinematics with fitted frames is off by {error:.4g} {unit} rms, {error / extent:.0%} of the "
+            "measured spread: check the order, units and signs of the joint columns, and the robot file",
         )
     return ()
 
 
 def _positions(model: Model, data: Dataset, r: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Residuals and measurements of positions, shape (k, 3) each, mm, and which were seen."""
-    position = r[:, list(model.measurement.groups[0].columns)].reshape(-1, 3)
-    measured = data.z[:, : position.size // len(data)].reshape(-1, 3)
+    """Residuals and measurements of points, shape (k, 3) each, mm (in images (k, 2), px), and which were seen."""
+    group = model.measurement.groups[0]
+    position = r[:, list(group.columns)].reshape(-1, group.block)
+    measured = data.z[:, : len(group.columns)].reshape(-1, group.block)
     return position, measured, np.asarray(np.isfinite(measured).all(axis=1))
 
 
@@ -104,15 +106,13 @@ def quality(model: Model, data: Dataset, after: Fit) -> tuple[str, ...]:
 
 def _refuse_nonsense(model: Model, data: Dataset, after: Fit) -> None:
     """Wrong units, signs and joint order leave errors of the robot's own size; medians, so that a slip is no reason."""
-    if model.task.kind not in ("position", "pose"):
-        return
     r, _ = rows_of(model.measurement, data, after.setup, model.residual)(after.x)
     position, measured, seen = _positions(model, data, r)
     error = float(np.median(np.linalg.norm(position[seen], axis=1)))
     spread = float(np.median(np.linalg.norm(_about_centre(measured, seen)[seen], axis=1)))
-    wrong = []
-    if error > _NONSENSE * _size(model, data) and error > spread / 4:
-        wrong.append(f"{error:.4g} mm (the measured points spread over {spread:.4g} mm)")
+    wrong, unit = [], model.measurement.groups[0].unit
+    if error > spread / 4 and (unit != "mm" or error > _NONSENSE * _size(model, data)):
+        wrong.append(f"{error:.4g} {unit} (the measured points spread over {spread:.4g} {unit})")
     if model.task.kind == "pose":
         turn = float(np.median(np.linalg.norm(r[:, list(model.measurement.groups[1].columns)], axis=1)))
         if turn > _NONSENSE_TURN:

@@ -49,7 +49,8 @@ def _sentences(content: Content) -> list[str]:
             f"The target was measured in {plural(images['measured'], 'image')}"
             + (f", not in {len(failures)}" if failures else ", in every one")
             + f"; its points came out within {number(images['error_px']['rms'])} px rms of the truth "
-            f"({number(images['error_per_axis_px'])} px per axis)."
+            f"({number(images['error_per_axis_px'])} px per axis). These are rendered images: real prints, light and "
+            "lenses rarely leave less than 0.02 px."
         )
         sentences += [f"Not measured: {entry['image']}: {entry['reason']}." for entry in failures]
         if images["camera_found_from_images"]:

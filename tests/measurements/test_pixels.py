@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as ca
 import cv2
 import numpy as np
@@ -11,8 +13,10 @@ from scipy.spatial.transform import Rotation
 from strategies import random_frame, random_robot
 
 from symcal import spatial
-from symcal.camera import INTRINSIC_NAMES, Camera
-from symcal.errors import InputError
+from symcal.camera import INTRINSIC_NAMES, Camera, Target
+from symcal.errors import InputError, RefusedError
+from symcal.estimation import Options
+from symcal.evaluate import cross_validate
 from symcal.identifiability import analyse
 from symcal.identify import identify
 from symcal.kinematics import chain
@@ -136,11 +140,31 @@ def test_points_of_the_target_instead_of_its_mount(simulated):
     assert found.after.sigmas["image"] == pytest.approx(0.02, rel=0.25)
 
 
+@pytest.mark.parametrize("estimate", [("tool", "camera"), ("points", "camera")])
+def test_targets_of_more_points_that_do_not_lie_in_a_plane(estimate):
+    rng = np.random.default_rng(9)
+    corners = [[90, 0, 0], [-45, 80, 0], [-50, -75, 10], [0, 0, 45], [60, 60, 25]]
+    mount = target().mount
+    own = Target(("A", "B", "C", "D", "E"), np.array(corners, dtype=float), 15.0, mount=mount)
+    known = build_model(ROBOT, pixels_task(Scene(camera(), own, T_WORLD_CAMERA), ("tool", "camera")))
+    data = simulate(known, TRUTH, poses(known, 40, rng), Noise(image=0.02), rng)
+    unknown = Target(own.names, own.points, own.disc_radius)
+    found = identify(ROBOT, data, pixels_task(Scene(camera(), unknown), estimate))
+    assert found.after.sigmas["image"] == pytest.approx(0.02, rel=0.15)
+    folds = cross_validate(found.model, data, Options(), 4, rng)
+    assert np.sqrt(np.mean(folds["after"].position ** 2)) < 0.03
+
+
+def test_joint_readings_of_another_robot_are_refused(simulated):
+    wrong = replace(simulated, q=simulated.q[:, [3, 1, 2, 0, 4]])
+    with pytest.raises(RefusedError):
+        identify(ROBOT, wrong, pixels_task(Scene(camera(), target(mount=False))))
+
+
 def test_points_not_seen_are_passed_over(simulated):
     z = simulated.z.copy()
     z[3, :2], z[8, 4:] = np.nan, np.nan
-    data = type(simulated)(**{f: getattr(simulated, f) for f in simulated.__slots__} | {"z": z})
-    found = identify(ROBOT, data, pixels_task(Scene(camera(), target(mount=False))))
+    found = identify(ROBOT, replace(simulated, z=z), pixels_task(Scene(camera(), target(mount=False))))
     assert found.after.equations == 240 - 4
     assert found.after.sigmas["image"] == pytest.approx(0.02, rel=0.2)
 

@@ -13,6 +13,7 @@ from symcal.errors import RefusedError
 from symcal.plan_config import CoverageConfig, GeneticConfig, PlanConfig
 from symcal.plan_problem import PlanProblem
 from symcal.planning.area import draw
+from symcal.planning.constraints import feasible
 from symcal.planning.criteria import criterion
 from symcal.planning.fitness import PlanFunction, Reading, Weights, paper_fitness, sound_fitness
 from symcal.planning.genetic_method import genetic_plan
@@ -28,6 +29,7 @@ Progress = Callable[[str], None]
 
 DEFAULT_METHOD = "certified"
 
+_ON_THE_WAY = 33  # poses at which the way between two is looked at, before the tour is chosen
 _PER_CELL = 500  # poses of the area per cell of a coverage
 
 
@@ -231,7 +233,7 @@ def in_order(problem: PlanProblem, plan: Plan, required: int) -> Planned:
     start = problem.start
     if start is None:
         start = plan.poses[int(np.argmin(np.linalg.norm(area.unit(plan.poses) - 0.5, axis=1)))]
-    order = shortest_tour(plan.poses, start, speeds).order
+    order = shortest_tour(plan.poses, start, speeds, _blocked(problem, np.vstack([start, plan.poses]))).order
     poses = plan.poses[order]
     tour = tour_of(range(len(poses)), poses, start, speeds)
     motion = plan_path(problem.arm, poses, tour, start, speeds, (robot.lower, robot.upper), constraints=problem.moving)
@@ -247,3 +249,16 @@ def in_order(problem: PlanProblem, plan: Plan, required: int) -> Planned:
         motion=motion,
         timed=problem.speeds is not None,
     )
+
+
+def _blocked(problem: PlanProblem, nodes: Array) -> NDArray[np.bool_] | None:
+    """Between which poses a joint motion would break what must hold on the way, shape (K, K); None if nothing must."""
+    if not problem.moving:
+        return None
+    i, j = np.triu_indices(len(nodes), 1)
+    share = np.linspace(0.0, 1.0, _ON_THE_WAY)[None, :, None]
+    ways = nodes[i][:, None] + share * (nodes[j] - nodes[i])[:, None]
+    clear = feasible(problem.moving)(ways.reshape(-1, nodes.shape[1])).reshape(len(i), -1).all(axis=1)
+    out = np.zeros((len(nodes), len(nodes)), dtype=np.bool_)
+    out[i, j] = out[j, i] = ~clear
+    return out

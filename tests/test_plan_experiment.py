@@ -17,6 +17,7 @@ from symcal.plan_experiment import plan_experiment, run_plan
 from symcal.plan_problem import plan_problem
 from symcal.plan_results import constraint_facts, order_facts
 from symcal.planned import find_plan, plan_generator
+from symcal.planning.ordering import shortest_tour
 from symcal.planning.plan_file import read_plan
 from symcal.robot import load_robot
 
@@ -319,3 +320,23 @@ def test_nothing_is_written_for_a_refused_plan(planning, tmp_path):
     with pytest.raises(RefusedError):
         run_plan(planning, tmp_path / "out", overrides=[*QUICK, "plan.noise={}"])
     assert not (tmp_path / "out").exists()
+
+
+def test_a_resolved_plan_can_be_run_again(small, tmp_path):
+    again = run_plan(small / "experiment.resolved.yaml", tmp_path / "again")[0]
+    assert (again / "plan.csv").read_bytes() == (small / "plan.csv").read_bytes()
+
+
+def test_tours_go_round_what_is_blocked(rng):
+    poses = rng.uniform(-1, 1, (12, 3))
+    free = shortest_tour(poses, np.zeros(3), np.ones(3))
+    nodes = np.concatenate([[0], free.order + 1])
+    blocked = np.zeros((13, 13), dtype=bool)
+    for a, b in zip(nodes[3:6], nodes[4:7], strict=True):
+        blocked[a, b] = blocked[b, a] = True
+    found = shortest_tour(poses, np.zeros(3), np.ones(3), blocked)
+    ways = np.concatenate([[0], found.order + 1])
+    assert not blocked[ways[:-1], ways[1:]].any()
+    assert sorted(found.order) == list(range(12))
+    assert found.total >= free.total - 1e-12
+    assert found.total < 2 * free.total  # times, not penalties

@@ -66,16 +66,21 @@ def joint_time(a: Array, b: Array, speeds: Array) -> Array:
     return np.asarray(np.max(np.abs(b - a) / speeds, axis=-1))
 
 
-def shortest_tour(poses: Array, start: Array, speeds: Array) -> Tour:
-    """Order the poses of a plan, shape (N, dof), for a tour from ``start``, shape (dof,)."""
+def shortest_tour(poses: Array, start: Array, speeds: Array, blocked: NDArray[np.bool_] | None = None) -> Tour:
+    """Order the poses of a plan, shape (N, dof), for a tour from ``start``, shape (dof,).
+
+    Args:
+        blocked: ways that are to be avoided wherever a tour can, symmetric, shape (N + 1, N + 1), the start first.
+    """
     nodes = np.vstack([start, poses])
-    cost = joint_time(nodes[:, None], nodes[None], speeds)
+    times = joint_time(nodes[:, None], nodes[None], speeds)
+    cost = times if blocked is None else times + blocked * times.sum(axis=1).max()
     n = len(poses)
     if n == 0:
         return Tour(np.zeros(0, dtype=np.intp), np.zeros(0))
     firsts = 1 + np.argsort(cost[0, 1:], kind="stable")[: min(n, _STARTS)]
     best = min((_improved(_nearest(cost, int(first)), cost) for first in firsts), key=lambda path: _length(path, cost))
-    return Tour(best[1:] - 1, cost[best[:-1], best[1:]])
+    return Tour(best[1:] - 1, times[best[:-1], best[1:]])
 
 
 def tour_of(order: Sequence[int] | Index, poses: Array, start: Array, speeds: Array) -> Tour:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d import proj3d  # type: ignore[import-untyped]
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
 from symcal.plan_experiment import PlanOutcome
@@ -69,6 +70,7 @@ def plan_in_space(outcome: PlanOutcome) -> Illustration:
         )
         everything += _surroundings(axes, outcome)
         low, high = _limits(np.vstack(everything))
+        _planes(axes, outcome, low, high)
         _base(axes, outcome, _AXIS * float((high - low).max()))
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
         axes.set_box_aspect(high - low)
@@ -128,6 +130,19 @@ def _frustum(axes: Any, view: CameraView, seen: Array) -> Array:
     axes.plot(*np.vstack([corners, corners[:1]]).T, color=GREEN, linewidth=1.0, zorder=4)
     axes.plot(*T[:3, 3], marker="s", markersize=4, color=GREEN, zorder=5)
     return np.vstack([corners, T[:3, 3]])
+
+
+def _planes(axes: Any, outcome: PlanOutcome, low: Array, high: Array) -> None:
+    """Tables and walls as patches where they cut the scene."""
+    middle, reach = 0.5 * (low + high), 0.5 * float((high - low).max())
+    for wall in outcome.experiment.file.plan.constraints.planes:
+        point = np.array(wall.point) * outcome.experiment.file.units.factor("mm")
+        normal = np.array(wall.normal) / np.linalg.norm(wall.normal)
+        across = np.linalg.svd(normal[None])[2][1:]
+        centre = middle - ((middle - point) @ normal) * normal
+        corners = centre + reach * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) @ across
+        patch = Poly3DCollection([np.clip(corners, low, high)], facecolor=VERMILION, alpha=0.07, zorder=1)
+        axes.add_collection3d(patch)
 
 
 def _base(axes: Any, outcome: PlanOutcome, length: float) -> None:
@@ -205,7 +220,8 @@ def _legend(outcome: PlanOutcome) -> list[Line2D]:
     handles.append(Line2D([], [], color=INK, linewidth=2.2, label="arm at the start"))
     if outcome.problem.view is not None:
         handles.append(Line2D([], [], color=GREEN, linewidth=1.0, label="camera"))
-    if outcome.experiment.file.plan.constraints.keep_out:
+    constraints = outcome.experiment.file.plan.constraints
+    if constraints.keep_out or constraints.planes:
         handles.append(Line2D([], [], color=VERMILION, linewidth=0.8, label="keep out"))
     return handles
 

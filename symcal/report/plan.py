@@ -167,6 +167,10 @@ def _way(content: Content) -> str:
         text += f" In the others the joints move linearly because {listed(reasons)}."
     if order["time_s"] is not None:
         text += f" Motion at full joint speeds, without acceleration and measuring, takes {order['time_s']:.0f} s."
+    text += (
+        " Constraints are checked for the line through the links, on the way too; that the arm does not touch itself "
+        "is not checked."
+    )
     if order["required"]:
         text += f" Required: pose {listed([str(name) for name in order['required']])}."
     return text

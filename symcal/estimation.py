@@ -111,13 +111,14 @@ def fit(
         for group in rows.measurement.groups
         if np.isnan(known[:, list(group.columns)])[rows.seen[:, list(group.columns)]].any()
     )
-    residual, jacobian = rows(reference)
+    x = reference
+    residual, jacobian = rows(x)
     if not np.isfinite(residual).all():
         raise RefusedError("the model gives no finite number at the first guess: check joint readings and units")
     sigmas = dict(options.sigma) | block_sigmas(rows, residual, known, estimated, 0)
     weights = rows.seen.astype(float)
     _check_redundancy(rows, jacobian, free, bool(estimated))
-    x, path = reference, [reference]
+    path = [x]
     ranks: list[int] = []
     cost = np.inf
     settled = not estimated and options.loss == "linear"  # is the noise?
@@ -166,6 +167,25 @@ def fit(
         weights=weights,
         path=np.array(path),
     )
+
+
+def moved(found: Fit, rows: Rows, options: Options, start: Array, prior_mean: Array) -> Fit:
+    """The same fit at another point of its gauge; noise, weights and rank are kept.
+
+    Args:
+        start: shape (n,): the estimate moved along directions that the data do not see.
+    """
+    rows = rows.decorrelated()
+    known = known_sigma(rows, options.sigma)
+    spread = spread_of(rows, known, found.sigmas, found.weights)
+    system = _whitened(rows, found.free, start, prior_mean, spread)
+    rank = found.identifiability.rank
+    seen = system.subspace(start, rank, 0.0)
+    solution, steps = _minimise(system, seen, start, options, rough=False)
+    x = system.at(system.scales[:, None] * seen.seen, solution.x)
+    seen = replace(replace(system, reference=x).subspace(x, rank, 0.0), released=found.identifiability.released)
+    path = np.array([*found.path, start, *steps])
+    return replace(found, x=x, identifiability=seen, solution=solution, path=path)
 
 
 def _minimise(

@@ -58,6 +58,7 @@ class Identifiability:
     seen: Array
     seen_values: Array
     hidden: Array
+    hidden_values: Array
     released: int = 0
 
     @property
@@ -127,6 +128,7 @@ def analyse(
         seen=v[:, keep],
         seen_values=values[keep],
         hidden=np.delete(v, keep, axis=1),
+        hidden_values=np.delete(values, keep),
         released=len(released),
     )
 

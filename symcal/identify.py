@@ -13,18 +13,21 @@ from symcal import uncertainty
 from symcal.cautions import plausibility, quality
 from symcal.dataset import Dataset
 from symcal.errors import InputError, RefusedError
-from symcal.estimation import Fit, Options, fit
+from symcal.estimation import Fit, Options, fit, moved
 from symcal.measurements import Setup
 from symcal.model import Model, Part, State, Task, build_model
 from symcal.placement import place as place
 from symcal.placement import stated
 from symcal.robot import Record, Robot
-from symcal.rows import rows_of
+from symcal.rows import Rows, rows_of
 from symcal.scene_record import scene_record
 
 Array = NDArray[np.float64]
 
 _BLAS = ThreadpoolController()
+_FRAME_WEIGHT = 1e-3  # of a frame's share beside a link's: what both could take goes to the frame
+_EXACT = 1e-2  # singular value: moving by a plausible error changes the residuals by less than a hundredth of a sigma
+_SHARED = 0.05  # of an unseen direction: less than this of it in the frames is none
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,13 +93,37 @@ def _calibrate(model: Model, baseline: Model | None, data: Dataset, options: Opt
     rows = rows_of(model.measurement, train, setup, model.residual)
     at = stated(model, setup)
     offsets = fit(rows, (*model.offsets, *model.placement), options, prior_mean=at)
-    after = fit(rows, (*model.kinematic, *model.placement), options, prior_mean=at)
+    after = _frames_take_what_is_shared(
+        model, rows, fit(rows, (*model.kinematic, *model.placement), options, prior_mean=at), options, at
+    )
     before = State(model, setup, np.zeros(len(model.parameters)))
     raw = None if model.placement else before
     if baseline is not None:
         before = State(baseline, place(baseline, train, options), np.zeros(len(baseline.parameters)))
     notes = (*plausibility(train, before), *quality(model, train, after))
     return Calibration(model, setup, before, raw, offsets, after, calibrated_robot(model, after), notes)
+
+
+def _frames_take_what_is_shared(model: Model, rows: Rows, first: Fit, options: Options, at: Array) -> Fit:
+    """The same fit with the unseen directions moved into base, tool, points and camera.
+
+    Minimum norm divides what a frame and a link share; but where somebody put the instrument must not end up in link
+    parameters, from where it would go into commands.
+    """
+    seen = first.identifiability
+    index = model.parameters.indices(seen.names)
+    frames = np.array([name in model.placement for name in seen.names], dtype=bool)
+    if not frames.any() or not seen.hidden.shape[1]:
+        return first
+    # directions along which nothing measurable changes and a frame really moves; other unseen ones stay as they are
+    free = seen.hidden[:, seen.hidden_values < _EXACT]
+    _, share, vt = np.linalg.svd(free[frames], full_matrices=False)
+    hidden = seen.scales[:, None] * (free @ vt[share > _SHARED].T)
+    weight = np.where(frames, _FRAME_WEIGHT, 1.0) / seen.scales
+    shift = np.linalg.lstsq(weight[:, None] * hidden, -weight * first.x[index], rcond=None)[0]
+    start = first.x.copy()
+    start[index] += hidden @ shift
+    return moved(first, rows, options, start, at)
 
 
 def _kind(kind: str, points: tuple[str, ...]) -> str:

@@ -41,7 +41,8 @@ def doubts(robot: Robot) -> tuple[Doubt, ...]:
     """What speaks against using a calibration on a controller; empty for a nominal robot.
 
     Link parameters and tool are judged. The base says where the instrument stood and does not count; neither does the
-    size of a tool's error, since nominal tools are often rough guesses.
+    size of a tool's error, since nominal tools are often rough guesses, nor what it shares unseen with the last link:
+    the sum is what was measured.
     """
     record = robot.record
     if record is None:
@@ -56,7 +57,7 @@ def doubts(robot: Robot) -> tuple[Doubt, ...]:
             limit = f"{IMPLAUSIBLE:g} times its plausible {_text(name, scale)}"
             text = f"{name} is off by {_text(name, error)}, more than {limit}"
             found.append(Doubt(name, "implausible", text))
-        elif sigma is None and abs(hidden[name]) > UNSEEN * scale:
+        elif name in links and sigma is None and abs(hidden[name]) > UNSEEN * scale:
             text = f"{_text(name, hidden[name])} of {name} lie along directions that the data do not see"
             found.append(Doubt(name, "unseen", text))
         elif sigma is not None and sigma > scale and error != 0:
@@ -87,7 +88,8 @@ def _unseen_errors(robot: Robot, record: Record) -> dict[str, float]:
     """The part of every error along directions without information, mm or rad.
 
     The covariance is zero exactly there: in scaled coordinates its null space is the space of unseen directions (and of
-    parameters that were held). A minimum-norm estimate has no error there.
+    parameters that were held). A minimum-norm estimate has no error there; and where a frame took what it shares with a
+    link, the link has no error at all, so that no more than a parameter's own error is ever put down to it.
     """
     names = list(record.errors)
     scales = np.array([_scale(robot, name) for name in names])
@@ -98,7 +100,9 @@ def _unseen_errors(robot: Robot, record: Record) -> dict[str, float]:
     values, vectors = np.linalg.eigh(weight[:, None] * covariance * weight)
     null, _ = np.linalg.qr(weight[:, None] * vectors[:, values <= _NULL])
     scaled = np.array([record.errors[name] for name in names]) / scales
-    return dict(zip(names, (scales * (null @ (null.T @ scaled))).tolist(), strict=True))
+    unseen = null @ (null.T @ scaled)
+    own = np.sign(unseen) * np.minimum(np.abs(unseen), np.abs(scaled))
+    return dict(zip(names, (scales * own).tolist(), strict=True))
 
 
 def _scale(robot: Robot, name: str) -> float:

@@ -7,15 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from symcal import config, results
 from symcal.documents import write_document
 from symcal.experiment import Experiment, load
-from symcal.plan_config import PlanConfig
-from symcal.plan_problem import PlanProblem, plan_problem
+from symcal.plan_findings import PlanFindings, find
 from symcal.plan_results import (
     constraint_facts,
     method_facts,
@@ -26,52 +23,19 @@ from symcal.plan_results import (
     promise_facts,
     region_words,
 )
-from symcal.planned import Planned, find_plan, plan_generator, search
-from symcal.planning.area import draw
-from symcal.planning.band import RandomBand, random_band
-from symcal.planning.methods import fewest_poses
 from symcal.planning.plan_file import write_plan, write_waypoints
-from symcal.planning.promise import PosesNeeded, Promise, ground, poses_needed, promise
-from symcal.planning.region import Accuracy, region_accuracy
-from symcal.planning.search import Plan
 from symcal.run_folder import run_folder, write_json
 from symcal.table import read_table
 
-Array = NDArray[np.float64]
 Progress = Callable[[str], None]
-
-_FIELD = 30000  # poses of the region for the map of predicted errors, and as many more with
-_SNAPPED = 0.4  # of their coordinates at a limit
-_COUNTS = 11  # numbers of poses that are foretold
-_LARGEST = 2.5  # times the plan's own number
-
-
-@dataclass(frozen=True, slots=True)
-class ErrorField:
-    """Predicted rms position error over the task region.
-
-    tool: positions, shape (K, 3), and errors, shape (K,), mm, of poses dense at the limits too, where maxima are.
-    uniform: errors of the poses that are uniform over the region, mm.
-    """
-
-    tool: Array
-    errors: Array
-    uniform: Array
 
 
 @dataclass(frozen=True, slots=True)
 class PlanOutcome:
-    """A plan and all that is known about it. methods: the plan's own first, then those it is compared with."""
+    """A plan with all that is known about it, and the content of its results.json."""
 
     experiment: Experiment
-    problem: PlanProblem
-    planned: Planned
-    accuracy: Accuracy
-    methods: Mapping[str, Plan]
-    promise: Promise | None
-    band: RandomBand | None
-    needed: tuple[PosesNeeded, ...]
-    field: ErrorField
+    findings: PlanFindings
     content: Mapping[str, Any]
 
 
@@ -102,123 +66,33 @@ def plan_experiment(experiment: Experiment, progress: Progress = lambda _: None)
     Raises:
         InputError, RefusedError: as `symcal.plan_problem.plan_problem` and `symcal.planned.find_plan` do.
     """
-    wanted = experiment.file.plan
-    rng = plan_generator(experiment.seed)
-    progress("preparing")
-    problem = plan_problem(experiment.file, experiment.document, experiment.model, rng)
-    planned = find_plan(problem, wanted, rng, progress)
-    for_methods, for_promise, for_field = rng.spawn(3)
-    accuracy = region_accuracy(problem.info, problem.region, aligned=problem.aligned)
-    methods = {planned.plan.method: planned.plan}
-    for name, stream in zip(wanted.compare, for_methods.spawn(len(wanted.compare)), strict=True):
-        if name not in methods:
-            methods[name] = search(problem, wanted, name, stream, progress=progress)
-    foretold, band, needed = _promise(problem, accuracy, wanted, for_promise, progress)
-    field = _field(problem, accuracy, planned, for_field)
-    shares = constraint_facts(problem, wanted.distance)
-    file, task = experiment.file, experiment.model.task
-    inputs = (experiment.document.path, experiment.robot_path, *problem.inputs)
+    file, document = experiment.file, experiment.document
+    found = find(file, document, experiment.model, experiment.seed, progress)
+    problem, planned = found.problem, found.planned
+    shares = constraint_facts(problem, file.plan.distance)
+    inputs = (document.path, experiment.robot_path, *problem.inputs)
     content = {
-        **results.header(file.name, file.title, experiment.seed, inputs, experiment.document.path.parent.resolve()),
+        **results.header(file.name, file.title, experiment.seed, inputs, document.path.parent.resolve()),
         "kind": "plan",
         "robot": results.robot_facts(experiment.robot),
-        "measurement": results.measurement_facts(task, {"planned": len(planned.plan)}),
+        "measurement": results.measurement_facts(experiment.model.task, {"planned": len(planned.plan)}),
         "warnings": [*plan_notes(problem, planned), *shares["infeasible_candidates"]],
         "identifiability": results.identifiability_facts(problem.info.seen),
         "plan": plan_facts(planned.plan),
-        "methods": method_facts(methods),
-        "promise": promise_facts(foretold, band, needed),
+        "methods": method_facts(found.methods),
+        "promise": promise_facts(found.promise, found.band, found.needed),
         "order": order_facts(planned),
         "constraints": shares,
-        "region": region_words(wanted.region, bool(problem.measuring)),
+        "region": region_words(file.plan.region, bool(problem.measuring)),
         "candidates": None if problem.candidates is None else len(problem.candidates),
     }
-    return PlanOutcome(experiment, problem, planned, accuracy, methods, foretold, band, needed, field, content)
-
-
-def _promise(
-    problem: PlanProblem, accuracy: Accuracy, wanted: PlanConfig, rng: np.random.Generator, progress: Progress
-) -> tuple[Promise | None, RandomBand | None, tuple[PosesNeeded, ...]]:
-    """What fewer and more poses promise; nothing among candidates, whose number is what it is."""
-    if problem.candidates is not None:
-        return None, None, ()
-    for_ground, for_counts, for_band, for_needed = rng.spawn(4)
-    info, asked = problem.info, wanted.promise
-    counts = sorted(set(asked.counts)) or _counts(fewest_poses(info), wanted.poses)
-    objective = wanted.criterion if wanted.criterion not in (None, "J") else "D"
-    progress("foretelling errors against the number of poses")
-    known = ground(
-        info, for_ground, region=problem.region, aligned=problem.aligned, feasible=problem.feasible
-    )
-    foretold = promise(
-        info,
-        counts,
-        for_counts,
-        objective=str(objective),
-        region=problem.region,
-        feasible=problem.feasible,
-        random=asked.random,
-        known=known,
-        progress=lambda count: progress(f"foretelling: {count} poses"),
-    )
-    foretold = _determined(foretold)
-    band = random_band(info, accuracy, foretold.counts, max(asked.random, 100), for_band, feasible=problem.feasible)
-    needed = []
-    for millimetres, stream in zip(asked.accuracy, for_needed.spawn(len(asked.accuracy)), strict=True):
-        progress(f"how many poses for {millimetres:g}?")
-        needed.append(
-            poses_needed(
-                info,
-                millimetres,
-                stream,
-                figure=asked.figure,
-                feasible=problem.feasible,
-                known=known,
-            )
-        )
-    return foretold, band, tuple(needed)
-
-
-def _determined(foretold: Promise) -> Promise:
-    """Without numbers of poses that give enough equations and still leave a direction all but open."""
-    far = 100 * np.array(foretold.bound_mean_mm)
-    keep = [i for i, error in enumerate(foretold.best_mean_mm) if error < far[i]]
-
-    def kept(values: tuple[float, ...]) -> tuple[float, ...]:
-        return tuple(values[i] for i in keep)
-
-    return Promise(
-        counts=tuple(foretold.counts[i] for i in keep),
-        best_mean_mm=kept(foretold.best_mean_mm),
-        best_worst_mm=kept(foretold.best_worst_mm),
-        random_mean_mm=kept(foretold.random_mean_mm),
-        random_worst_mm=kept(foretold.random_worst_mm),
-        bound_mean_mm=kept(foretold.bound_mean_mm),
-        bound_worst_mm=kept(foretold.bound_worst_mm),
-        hidden_mm=foretold.hidden_mm,
-    )
-
-
-def _counts(fewest: int, poses: int) -> list[int]:
-    """Numbers of poses from the fewest that can do to beyond the plan's, evenly in ratio, the plan's own among them."""
-    most = max(round(_LARGEST * poses), fewest + 1)
-    spread = np.geomspace(fewest, most, _COUNTS).round().astype(int)
-    others = {int(n) for n in spread if abs(n - poses) > 0.1 * poses}
-    return sorted({*others, max(poses, fewest)})
-
-
-def _field(problem: PlanProblem, accuracy: Accuracy, planned: Planned, rng: np.random.Generator) -> ErrorField:
-    region, total = problem.region, problem.info.total(planned.plan.poses)
-    parts = [region.poses]
-    if region.area is not None:
-        parts += [draw(region.area, rng, _FIELD, region.feasible, share=share) for share in (0.0, _SNAPPED)]
-    poses = np.concatenate(parts)
-    return ErrorField(problem.arm.motion(poses)[0], accuracy.at(poses, total), accuracy.at(region.poses, total))
+    return PlanOutcome(experiment, found, content)
 
 
 def write(outcome: PlanOutcome, folder: Path, progress: Progress) -> None:
     """Everything that planning leaves: numbers, plan.csv, tables, figures, report."""
-    experiment, planned, problem = outcome.experiment, outcome.planned, outcome.problem
+    experiment, found = outcome.experiment, outcome.findings
+    planned, problem = found.planned, found.problem
     poses = planned.plan.poses
     write_json(folder / "results.json", outcome.content)
     write_plan(
@@ -232,7 +106,7 @@ def write(outcome: PlanOutcome, folder: Path, progress: Progress) -> None:
     write_document(folder / "experiment.resolved.yaml", resolved | {"seed": experiment.seed})
     (folder / "tables").mkdir()
     tool = problem.arm.motion(poses)[0]
-    errors = outcome.accuracy.at(poses, problem.info.total(poses))
+    errors = found.accuracy.at(poses, problem.info.total(poses))
     for name, table in plan_tables(experiment.robot, planned, outcome.content, tool, errors).items():
         table.to_csv(folder / "tables" / f"{name}.csv", index=False)
     if planned.timed:
@@ -245,7 +119,7 @@ def write(outcome: PlanOutcome, folder: Path, progress: Progress) -> None:
     from symcal.report import save_figures, write_report
 
     progress("drawing")
-    pictures = save_figures(plan_figures(outcome), folder / "figures")
+    pictures = save_figures(plan_figures(found), folder / "figures")
     if experiment.file.outputs.report:
         progress("writing the report")
         write_report(outcome.content, pictures, folder / "report.pdf", "plan")
@@ -257,6 +131,6 @@ def _write_choice(outcome: PlanOutcome, path: Path) -> None:
     table = read_table(document.resolve(str(plan.candidates), ("plan", "candidates")))
     frame = pd.DataFrame(table.rows, columns=list(table.columns))
     names = table.text("pose") if "pose" in table.columns else [str(i + 1) for i in range(len(table))]
-    chosen = set(outcome.planned.names)
+    chosen = set(outcome.findings.planned.names)
     frame["split"] = ["train" if name in chosen else "test" for name in names]
     frame.to_csv(path, index=False)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,31 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal import config
-from symcal.camera import Target
-from symcal.camera_files import CameraFile, ImageUnits, TargetFile, read_camera, read_target
 from symcal.config import ExperimentFile, SimulatedData
 from symcal.documents import Document, Key
-from symcal.errors import InputError, RefusedError
-from symcal.model import Model, Scene
-from symcal.plan_config import AreaRegion, BoxRegion, CameraConstraint, KeepOutBox, KeepOutPlane
+from symcal.errors import RefusedError
+from symcal.model import Model
+from symcal.plan_config import AreaRegion, BoxRegion
+from symcal.plan_constraints import clearance, own_camera, separate_camera
 from symcal.planning.area import Feasible, WorkingArea
-from symcal.planning.camera_view import CameraView, camera_view
-from symcal.planning.clearance import keep_out, plane
+from symcal.planning.camera_view import CameraView
 from symcal.planning.constraints import Constraint, feasible, insist, joint_limits
 from symcal.planning.information import PoseInformation, pose_information
 from symcal.planning.ordering import joint_speeds
 from symcal.planning.plan_file import read_plan
 from symcal.planning.region import TaskRegion, area_region, box_region, csv_region
 from symcal.planning.skeleton import Skeleton, skeleton
-from symcal.planning.visibility import visibility
 from symcal.robot import Robot
-from symcal.robot_schema import Frame
-from symcal.robot_schema import Units as FrameUnits
-from symcal.units import ANGLE, LENGTH
 
 Array = NDArray[np.float64]
-
-_INCIDENCE = 60.0  # deg; beyond, a disc's image is a sliver
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,12 +82,11 @@ def plan_problem(file: ExperimentFile, document: Document, model: Model, rng: np
     arm = skeleton(model.measurement.chain, model.setup)
     view = None
     measuring: tuple[Constraint, ...] = ()
-    moving = _clearance(file, document, arm)
+    moving = clearance(file, document, arm)
     if plan.constraints.camera is not None:
-        view, seen = _camera(plan.constraints.camera, file, document, model, inputs)
-        measuring = seen
+        view, measuring = separate_camera(plan.constraints.camera, file, document, model, inputs)
     elif model.task.scene is not None:
-        view, measuring = _own_camera(model.task.scene, file, document, model)
+        view, measuring = own_camera(model.task.scene, file, document, model)
     measuring = (*measuring, *moving)
     mask = feasible(measuring) if measuring else None
     required, required_names = _required(file, document, robot, measuring, inputs)
@@ -158,18 +148,6 @@ def nominal_noise(file: ExperimentFile, model: Model) -> dict[str, float]:
             )
         out[group.name] = value * file.units.factor(group.unit)
     return out
-
-
-@contextmanager
-def _at(document: Document, key: Key) -> Iterator[None]:
-    """Give errors of the geometry their place in the file."""
-    try:
-        yield
-    except InputError as error:
-        if error.file is not None:
-            raise
-        inner: Key = (*key, error.key) if error.key else key
-        raise document.error(error.message, inner, found=error.found, allowed=error.allowed) from None
 
 
 def _area(file: ExperimentFile, document: Document, robot: Robot) -> WorkingArea:
@@ -271,79 +249,3 @@ def _candidates(
     path = config.existing(document, file.plan.candidates, ("plan", "candidates"), "file of candidates")
     inputs.append(path)
     return read_plan(path, robot)
-
-
-def _clearance(file: ExperimentFile, document: Document, arm: Skeleton) -> tuple[Constraint, ...]:
-    length, angle = file.units.factor("mm"), file.units.factor("rad")
-    made = []
-    for i, box in enumerate(file.plan.constraints.keep_out):
-        with _at(document, ("plan", "constraints", "keep_out", i)):
-            made.append(_box(arm, box, length, angle))
-    for i, wall in enumerate(file.plan.constraints.planes):
-        with _at(document, ("plan", "constraints", "planes", i)):
-            made.append(_plane(arm, wall, length))
-    return tuple(made)
-
-
-def _box(arm: Skeleton, box: KeepOutBox, length: float, angle: float) -> Constraint:
-    frame = Frame(xyz=box.xyz, rpy=box.rpy).matrix(length, angle)
-    size = np.array(box.size) * length
-    return keep_out(arm, box.name, frame, size, margin=box.margin * length, first_link=box.first_link)
-
-
-def _plane(arm: Skeleton, wall: KeepOutPlane, length: float) -> Constraint:
-    point, normal = np.array(wall.point) * length, np.array(wall.normal)
-    return plane(arm, wall.name, point, normal, margin=wall.margin * length, first_link=wall.first_link)
-
-
-def _camera(
-    wanted: CameraConstraint, file: ExperimentFile, document: Document, model: Model, inputs: list[Path]
-) -> tuple[CameraView, tuple[Constraint, ...]]:
-    key: Key = ("plan", "constraints", "camera")
-    length, angle = file.units.factor("mm"), file.units.factor("rad")
-    if wanted.file is not None:
-        path = config.existing(document, wanted.file, (*key, "file"), "camera file")
-        inputs.append(path)
-        camera = read_camera(path)
-    else:
-        given = wanted.model_dump(include={"width", "height", "intrinsics", "lens", "distortion"}, exclude_none=True)
-        camera = CameraFile(units=ImageUnits(image="px"), **given).camera()
-    target, mount = _target(wanted, file, document, key, inputs)
-    with _at(document, (*key, "placement")):
-        T_world_camera = wanted.placement.matrix(length, angle)
-    view = camera_view(model.measurement.chain, model.setup, camera, T_world_camera, target, mount)
-    depth = (0.0, np.inf) if wanted.depth is None else (wanted.depth[0] * length, wanted.depth[1] * length)
-    incidence = np.deg2rad(_INCIDENCE) if wanted.incidence is None else wanted.incidence * angle
-    return view, visibility(view, margin=wanted.margin_px, depth=depth, incidence=incidence)
-
-
-def _own_camera(
-    scene: Scene, file: ExperimentFile, document: Document, model: Model
-) -> tuple[CameraView, tuple[Constraint, ...]]:
-    """The camera of a pixel measurement, where the experiment says that it roughly is."""
-    if scene.T_world_camera is None:
-        message = "planning needs to know roughly where the camera is"
-        raise document.error(message, ("measurement", "camera_pose"))
-    limits, length = file.plan.constraints.view, file.units.factor("mm")
-    view = camera_view(
-        model.measurement.chain, model.setup, scene.camera, scene.T_world_camera, scene.target, np.eye(4)
-    )
-    depth = (0.0, np.inf) if limits.depth is None else (limits.depth[0] * length, limits.depth[1] * length)
-    incidence = np.deg2rad(_INCIDENCE) if limits.incidence is None else limits.incidence * file.units.factor("rad")
-    return view, visibility(view, margin=limits.margin_px, depth=depth, incidence=incidence)
-
-
-def _target(
-    wanted: CameraConstraint, file: ExperimentFile, document: Document, key: Key, inputs: list[Path]
-) -> tuple[Target, Array]:
-    if isinstance(wanted.target, str):
-        path = config.existing(document, wanted.target, (*key, "target"), "target file")
-        inputs.append(path)
-        target = read_target(path)
-        return target, np.eye(4) if target.mount is None else target.mount
-    shape, units = wanted.target, FrameUnits(length=file.units.length, angle=file.units.angle)
-    with _at(document, (*key, "target")):
-        made = TargetFile(
-            units=units, disc_radius=shape.disc_radius, triangle=shape.triangle, points=shape.points, mount=shape.mount
-        ).target()
-    return made, shape.mount.matrix(LENGTH[units.length], ANGLE[units.angle])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from pathlib import Path
 
@@ -251,11 +252,11 @@ def test_candidates_that_cannot_be_measured_are_named_and_not_chosen(planning, r
     given = candidates(robot, tmp_path / "given.csv", 80, rng)
     wall = "plan.constraints={planes: [{name: wall, point: [600, 0, 0], normal: [-1, 0, 0]}]}"
     found = planned(planning, f"plan.candidates={tmp_path / 'given.csv'}", wall)
-    x = found.problem.arm.nodes(given)[:, :, 0].max(axis=1)
+    x = found.findings.problem.arm.nodes(given)[:, :, 0].max(axis=1)
     named = found.content["constraints"]["infeasible_candidates"]
     assert len(named) == (x > 600 + 1e-9).sum() > 0
     assert all("wall" in sentence for sentence in named)
-    assert found.problem.arm.nodes(found.planned.plan.poses)[:, :, 0].max() <= 600 + 1e-6
+    assert found.findings.problem.arm.nodes(found.findings.planned.plan.poses)[:, :, 0].max() <= 600 + 1e-6
 
 
 def test_measured_poses_are_chosen_from_and_identified(configs, tmp_path):
@@ -332,7 +333,7 @@ def test_tours_go_round_what_is_blocked(rng):
     free = shortest_tour(poses, np.zeros(3), np.ones(3))
     nodes = np.concatenate([[0], free.order + 1])
     blocked = np.zeros((13, 13), dtype=bool)
-    for a, b in zip(nodes[3:6], nodes[4:7], strict=True):
+    for a, b in itertools.pairwise(nodes[3:7]):
         blocked[a, b] = blocked[b, a] = True
     found = shortest_tour(poses, np.zeros(3), np.ones(3), blocked)
     ways = np.concatenate([[0], found.order + 1])

@@ -46,7 +46,7 @@ def constrained(configs) -> PlanOutcome:
 
 @pytest.fixture(scope="module")
 def figures(plain):
-    return {figure.name: figure for figure in plan_figures(plain)}
+    return {figure.name: figure for figure in plan_figures(plain.findings)}
 
 
 def test_all_figures_are_there(figures):
@@ -83,24 +83,24 @@ def test_captions_say_the_numbers_of_the_results(figures, plain):
 
 
 def test_the_map_shows_no_more_than_the_worst_pose(plain):
-    foretold = plain.planned.plan.prediction
-    assert plain.field.errors.max() <= foretold.worst_pose_rms_mm * (1 + 1e-6)
-    rms = np.sqrt(np.mean(plain.field.uniform**2))
+    foretold = plain.findings.planned.plan.prediction
+    assert plain.findings.field.errors.max() <= foretold.worst_pose_rms_mm * (1 + 1e-6)
+    rms = np.sqrt(np.mean(plain.findings.field.uniform**2))
     assert rms == pytest.approx(foretold.mean_pose_rms_mm, rel=1e-6)
 
 
 def test_the_joints_drawn_are_those_of_the_plan(figures, plain):
     rows = figures["joint_motion"].figure.axes
     assert len(rows) == 5
-    poses = plain.planned.plan.poses
+    poses = plain.findings.planned.plan.poses
     for j, axes in enumerate(rows):
-        factor = 180 / np.pi if plain.problem.robot.joints[j].revolute else 1.0
+        factor = 180 / np.pi if plain.findings.problem.robot.joints[j].revolute else 1.0
         drawn = [line for line in axes.lines if len(line.get_xdata()) == 12 and line.get_marker() == "o"]
         np.testing.assert_allclose(drawn[0].get_ydata(), poses[:, j] * factor)
 
 
 def test_a_plan_with_camera_boxes_required_poses_and_no_speeds_is_drawn_and_reported(constrained, tmp_path):
-    illustrations = plan_figures(constrained)
+    illustrations = plan_figures(constrained.findings)
     space = illustrations[0].figure
     labels = [text.get_text() for text in space.legends[0].get_texts()]
     assert {"camera", "keep out", "required"} <= set(labels)

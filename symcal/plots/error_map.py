@@ -10,7 +10,7 @@ from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 from scipy.stats import binned_statistic_2d
 
-from symcal.plan_experiment import PlanOutcome
+from symcal.plan_findings import PlanFindings
 from symcal.plots.style import INK, WIDE, Illustration, print_settings, settle, sheet
 from symcal.words import number
 
@@ -20,11 +20,11 @@ _CELLS = 40  # along the longer side of the region
 _DRAWN, _MARGIN = 116.0, 20.0  # width of both views together, height of labels and title, mm
 
 
-def error_map(outcome: PlanOutcome) -> Illustration:
+def error_map(found: PlanFindings) -> Illustration:
     """Largest predicted rms error of all sampled poses with the tool in a cell, from above and from the side."""
-    field, plan = outcome.field, outcome.planned.plan
-    base = outcome.problem.info.setup.base[:3, 3]
-    tool = outcome.problem.arm.motion(plan.poses)[0]
+    field, plan = found.field, found.planned.plan
+    base = found.problem.info.setup.base[:3, 3]
+    tool = found.problem.arm.motion(plan.poses)[0]
     views = (
         ("from above", "x / mm", "y / mm", field.tool[:, :2], tool[:, :2]),
         (
@@ -62,7 +62,7 @@ def error_map(outcome: PlanOutcome) -> Illustration:
         bar = figure.colorbar(ScalarMappable(scale, "cividis"), ax=list(rows), pad=0.015, aspect=24)
         bar.set_label("predicted rms position error / mm")
         bar.outline.set_visible(False)
-    return Illustration(settle(figure), "error_map", "Predicted error over the region", _caption(outcome))
+    return Illustration(settle(figure), "error_map", "Predicted error over the region", _caption(found))
 
 
 def _side(points: Array, base: Array) -> Array:
@@ -76,11 +76,11 @@ def _cells(flat: Array, errors: Array, cell: float) -> tuple[Array, Array, Array
     return np.asarray(found.statistic), edges[0], edges[1]
 
 
-def _caption(outcome: PlanOutcome) -> str:
-    foretold, errors = outcome.planned.plan.prediction, outcome.field.uniform
+def _caption(found: PlanFindings) -> str:
+    foretold, errors = found.planned.plan.prediction, found.field.uniform
     return (
         "Predicted rms position error of the tool after an identification from these poses, from measurement noise "
-        f"alone: the largest of all of {len(outcome.field.errors)} sampled poses whose tool is in a cell. Rms over the "
+        f"alone: the largest of all of {len(found.field.errors)} sampled poses whose tool is in a cell. Rms over the "
         f"region {number(foretold.mean_pose_rms_mm)} mm; largest, searched between the samples too, "
         f"{number(foretold.worst_pose_rms_mm)} mm; 95 % of the poses are below "
         f"{number(float(np.percentile(errors, 95)))} mm. Circles: tool positions of the plan."

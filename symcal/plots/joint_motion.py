@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from symcal.plan_experiment import PlanOutcome
+from symcal.plan_findings import PlanFindings
 from symcal.plots.style import (
     BLUE,
     FAINT,
@@ -28,9 +28,9 @@ _PANEL = 15.0  # height of a joint's panel, mm
 _CLOSE = 1e-3  # of the range: a reading so near to its limit counts as on it
 
 
-def joint_motion(outcome: PlanOutcome) -> Illustration:
+def joint_motion(found: PlanFindings) -> Illustration:
     """Joint readings over the number of the pose, on the way too, with the limits of the working area."""
-    robot, planned, area = outcome.problem.robot, outcome.planned, outcome.problem.area
+    robot, planned, area = found.problem.robot, found.planned, found.problem.area
     poses, must = planned.plan.poses, planned.required
     numbers = np.arange(1, len(poses) + 1)
     with print_settings():
@@ -73,11 +73,11 @@ def joint_motion(outcome: PlanOutcome) -> Illustration:
         rows[-1].xaxis.set_major_locator(MaxNLocator(nbins=12, integer=True))
         rows[-1].set_xlabel("pose, in driving order (0: the start)")
         figure.align_ylabels()
-    return Illustration(settle(figure), "joint_motion", "Joint motion", _caption(outcome))
+    return Illustration(settle(figure), "joint_motion", "Joint motion", _caption(found))
 
 
-def _caption(outcome: PlanOutcome) -> str:
-    planned, area = outcome.planned, outcome.problem.area
+def _caption(found: PlanFindings) -> str:
+    planned, area = found.planned, found.problem.area
     poses = planned.plan.poses
     near = np.minimum(poses - area.lower, area.upper - poses) <= _CLOSE * area.span
     motion = planned.motion

@@ -11,7 +11,7 @@ from mpl_toolkits.mplot3d import proj3d  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
-from symcal.plan_experiment import PlanOutcome
+from symcal.plan_findings import PlanFindings
 from symcal.planning.camera_view import CameraView
 from symcal.plots.style import (
     BLUE,
@@ -41,9 +41,9 @@ _MM = 25.4
 _WAY = 40  # points per segment of the way that are drawn
 
 
-def plan_in_space(outcome: PlanOutcome) -> Illustration:
+def plan_in_space(found: PlanFindings) -> Illustration:
     """Tool positions in driving order with the way between them, and the arm at the start and in a few of its poses."""
-    planned, arm = outcome.planned, outcome.problem.arm
+    planned, arm = found.planned, found.problem.arm
     poses = planned.plan.poses
     tool = arm.motion(poses)[0]
     bodies = arm.nodes(np.vstack([planned.start[None], poses[_apart(tool, _ARMS)]]))
@@ -56,7 +56,7 @@ def plan_in_space(outcome: PlanOutcome) -> Illustration:
             axes.plot(*body.T, color=FAINT, linewidth=1.1, alpha=0.55, solid_joinstyle="round", zorder=2)
         axes.plot(*bodies[0].T, color=INK, linewidth=2.2, solid_joinstyle="round", zorder=5)
         axes.plot(*bodies[0].T, color="white", linewidth=0.7, solid_joinstyle="round", zorder=5.1)
-        _way(axes, outcome)
+        _way(axes, found)
         must = planned.required
         axes.plot(*tool[~must].T, linestyle="none", marker="o", markersize=3.2, color=BLUE, zorder=6)
         axes.plot(
@@ -68,17 +68,17 @@ def plan_in_space(outcome: PlanOutcome) -> Illustration:
             markerfacecolor="white",
             zorder=6,
         )
-        everything += _surroundings(axes, outcome)
+        everything += _surroundings(axes, found)
         low, high = _limits(np.vstack(everything))
-        _planes(axes, outcome, low, high)
-        _base(axes, outcome, _AXIS * float((high - low).max()))
+        _planes(axes, found, low, high)
+        _base(axes, found, _AXIS * float((high - low).max()))
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
         axes.set_box_aspect(high - low)
         axes.view_init(elev=18, azim=-64)
         _dress(axes)
         _fill(figure, axes, low, high)
-        figure.legend(handles=_legend(outcome), loc="upper center", ncols=6, handlelength=2.2)
-    return Illustration(settle(figure), "plan_in_space", "The plan in space", _caption(outcome, tool))
+        figure.legend(handles=_legend(found), loc="upper center", ncols=6, handlelength=2.2)
+    return Illustration(settle(figure), "plan_in_space", "The plan in space", _caption(found, tool))
 
 
 def _apart(points: Array, count: int) -> NDArray[np.intp]:
@@ -90,23 +90,23 @@ def _apart(points: Array, count: int) -> NDArray[np.intp]:
     return np.array(chosen, dtype=np.intp)
 
 
-def _way(axes: Any, outcome: PlanOutcome) -> None:
-    for segment in outcome.planned.motion.segments:
+def _way(axes: Any, found: PlanFindings) -> None:
+    for segment in found.planned.motion.segments:
         shown = segment.waypoints[np.linspace(0, len(segment.waypoints) - 1, _WAY).astype(int)]
-        path = outcome.problem.arm.motion(shown)[0]
+        path = found.problem.arm.motion(shown)[0]
         style: dict[str, Any] = {"color": BLUE, "linewidth": 0.6, "alpha": 0.9}
         if segment.kind == "joint":
             style = {"color": ORANGE, "linewidth": 0.6, "linestyle": (0, (3, 1.5)), "alpha": 0.9}
         axes.plot(*path.T, zorder=3, **style)
 
 
-def _surroundings(axes: Any, outcome: PlanOutcome) -> list[Array]:
+def _surroundings(axes: Any, found: PlanFindings) -> list[Array]:
     """Camera and keep-out boxes; returns their corners."""
     corners = []
-    if outcome.problem.view is not None:
-        corners.append(_frustum(axes, outcome.problem.view, outcome.problem.arm.motion(outcome.planned.plan.poses)[0]))
-    for box in outcome.experiment.file.plan.constraints.keep_out:
-        units = outcome.experiment.file.units
+    if found.problem.view is not None:
+        corners.append(_frustum(axes, found.problem.view, found.problem.arm.motion(found.planned.plan.poses)[0]))
+    for box in found.file.plan.constraints.keep_out:
+        units = found.file.units
         frame = Frame(xyz=box.xyz, rpy=box.rpy).matrix(units.factor("mm"), units.factor("rad"))
         half = np.array(box.size) * units.factor("mm") / 2
         signs = np.array(list(itertools.product((-1, 1), repeat=3)))
@@ -132,11 +132,11 @@ def _frustum(axes: Any, view: CameraView, seen: Array) -> Array:
     return np.vstack([corners, T[:3, 3]])
 
 
-def _planes(axes: Any, outcome: PlanOutcome, low: Array, high: Array) -> None:
+def _planes(axes: Any, found: PlanFindings, low: Array, high: Array) -> None:
     """Tables and walls as patches where they cut the scene."""
     middle, reach = 0.5 * (low + high), 0.5 * float((high - low).max())
-    for wall in outcome.experiment.file.plan.constraints.planes:
-        point = np.array(wall.point) * outcome.experiment.file.units.factor("mm")
+    for wall in found.file.plan.constraints.planes:
+        point = np.array(wall.point) * found.file.units.factor("mm")
         normal = np.array(wall.normal) / np.linalg.norm(wall.normal)
         across = np.linalg.svd(normal[None])[2][1:]
         centre = middle - ((middle - point) @ normal) * normal
@@ -145,8 +145,8 @@ def _planes(axes: Any, outcome: PlanOutcome, low: Array, high: Array) -> None:
         axes.add_collection3d(patch)
 
 
-def _base(axes: Any, outcome: PlanOutcome, length: float) -> None:
-    frame = outcome.problem.info.setup.base
+def _base(axes: Any, found: PlanFindings, length: float) -> None:
+    frame = found.problem.info.setup.base
     for i, name in enumerate("xyz"):
         end = frame[:3, 3] + length * frame[:3, i]
         axes.plot(*np.array([frame[:3, 3], end]).T, color=INK, linewidth=1.0, zorder=6)
@@ -197,10 +197,10 @@ def _dress(axes: Any) -> None:
         axes.locator_params(axis=name, nbins=5)
 
 
-def _legend(outcome: PlanOutcome) -> list[Line2D]:
-    kinds = outcome.planned.motion.kinds
+def _legend(found: PlanFindings) -> list[Line2D]:
+    kinds = found.planned.motion.kinds
     handles = [Line2D([], [], linestyle="none", marker="o", markersize=3.2, color=BLUE, label="pose to measure")]
-    if outcome.planned.required.any():
+    if found.planned.required.any():
         handles.append(
             Line2D(
                 [],
@@ -218,16 +218,16 @@ def _legend(outcome: PlanOutcome) -> list[Line2D]:
     if "joint" in kinds:
         handles.append(Line2D([], [], color=ORANGE, linewidth=0.8, linestyle=(0, (3, 1.5)), label="joint motion"))
     handles.append(Line2D([], [], color=INK, linewidth=2.2, label="arm at the start"))
-    if outcome.problem.view is not None:
+    if found.problem.view is not None:
         handles.append(Line2D([], [], color=GREEN, linewidth=1.0, label="camera"))
-    constraints = outcome.experiment.file.plan.constraints
+    constraints = found.file.plan.constraints
     if constraints.keep_out or constraints.planes:
         handles.append(Line2D([], [], color=VERMILION, linewidth=0.8, label="keep out"))
     return handles
 
 
-def _caption(outcome: PlanOutcome, tool: Array) -> str:
-    kinds = outcome.planned.motion.kinds
+def _caption(found: PlanFindings, tool: Array) -> str:
+    kinds = found.planned.motion.kinds
     size = tool.max(axis=0) - tool.min(axis=0)
     text = (
         f"{plural(len(tool), 'pose')} of the tool in the world frame, joined in driving order from the start; the arm "

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
 from numpy.typing import NDArray
 
-from symcal.plan_experiment import PlanOutcome
+from symcal.plan_findings import PlanFindings
 from symcal.planning.band import HIGH, LOW, RandomBand
 from symcal.planning.promise import Promise
 from symcal.plots.style import BLUE, FAINT, INK, ORANGE, WIDE, Illustration, grid, print_settings, settle, sheet
@@ -18,11 +18,11 @@ from symcal.words import number, plural
 Array = NDArray[np.float64]
 
 
-def error_by_poses(outcome: PlanOutcome, promise: Promise, band: RandomBand) -> Illustration:
+def error_by_poses(found: PlanFindings, promise: Promise, band: RandomBand) -> Illustration:
     """Predicted errors of the best and of random plans over the number of poses, with the bound of any plan."""
     counts = np.array(promise.counts)
-    n = len(outcome.planned.plan)
-    foretold = outcome.planned.plan.prediction
+    n = len(found.planned.plan)
+    foretold = found.planned.plan.prediction
     with print_settings():
         figure = sheet(WIDE, 66)
         left, right = figure.subplots(1, 2, sharey=True)
@@ -51,13 +51,13 @@ def error_by_poses(outcome: PlanOutcome, promise: Promise, band: RandomBand) -> 
         largest = [v for v in (*promise.random_worst_mm, *band.high_mm) if np.isfinite(v)]
         top = min(max(largest, default=10 * lowest), 30 * max(promise.best_worst_mm))
         left.set_ylim(0.85 * lowest, 1.1 * max(top, max(promise.best_worst_mm)))
-        for row, entry in enumerate(sorted(outcome.needed, key=lambda e: -e.count)):
+        for row, entry in enumerate(sorted(found.needed, key=lambda e: -e.count)):
             axes = left if entry.figure == "mean" else right
             _target(axes, entry.target_mm, entry.count, counts, row)
         left.set_ylabel("predicted rms position error / mm")
         handles, labels = left.get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper center", ncols=5)
-    return Illustration(settle(figure), "error_by_poses", "How many poses", _caption(outcome, promise, band))
+    return Illustration(settle(figure), "error_by_poses", "How many poses", _caption(found, promise, band))
 
 
 def _drawn(values: tuple[float, ...]) -> Array:
@@ -115,8 +115,8 @@ def _target(axes: Axes, target: float, count: int, counts: Any, row: int) -> Non
     )
 
 
-def _caption(outcome: PlanOutcome, promise: Promise, band: RandomBand) -> str:
-    n = len(outcome.planned.plan)
+def _caption(found: PlanFindings, promise: Promise, band: RandomBand) -> str:
+    n = len(found.planned.plan)
     i = promise.counts.index(n) if n in promise.counts else len(promise.counts) - 1
     count = promise.counts[i]
     text = (
@@ -127,7 +127,7 @@ def _caption(outcome: PlanOutcome, promise: Promise, band: RandomBand) -> str:
         f"{number(promise.best_worst_mm[i])} mm at the worst pose (bound {number(promise.bound_worst_mm[i])} mm, "
         f"random {number(promise.random_worst_mm[i])} mm)."
     )
-    for entry in outcome.needed:
+    for entry in found.needed:
         figure = "rms" if entry.figure == "mean" else "at the worst pose"
         text += f" For {entry.target_mm:g} mm {figure}: {plural(entry.count, 'pose')}, at least {entry.at_least}."
     return text

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
 
-from symcal.plan_experiment import PlanOutcome
+from symcal.plan_findings import PlanFindings
 from symcal.plan_results import best_value, efficiency_over_time, has_bound
 from symcal.planning.search import Plan
 from symcal.plots.style import (
@@ -38,9 +38,9 @@ _SHORTFALLS = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
 _SMALLEST = 5e-4  # shortfall from 1 that is still told apart
 
 
-def efficiency_over_search_time(outcome: PlanOutcome) -> Illustration:
+def efficiency_over_search_time(found: PlanFindings) -> Illustration:
     """Efficiency of the best plan so far over wall time for each method; the axis is stretched towards 1."""
-    methods = outcome.methods
+    methods = found.methods
     best = best_value(methods)
     with print_settings():
         figure = sheet(NARROW, 66)
@@ -75,10 +75,10 @@ def efficiency_over_search_time(outcome: PlanOutcome) -> Illustration:
         axes.yaxis.set_minor_locator(NullLocator())
         axes.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
         axes.xaxis.set_minor_formatter(NullFormatter())
-        axes.set(xlabel="wall time / s", ylabel=_quantity(outcome.planned.plan))
+        axes.set(xlabel="wall time / s", ylabel=_quantity(found.planned.plan))
         grid(axes, "both")
         figure.legend(loc="outside upper center", ncols=3, handlelength=1.0)
-    return Illustration(settle(figure), "search_time", "Search methods", _caption(outcome))
+    return Illustration(settle(figure), "search_time", "Search methods", _caption(found))
 
 
 def _quantity(plan: Plan) -> str:
@@ -87,15 +87,15 @@ def _quantity(plan: Plan) -> str:
     return f"efficiency ({plan.criterion}), at least" if has_bound(plan) else f"{plan.criterion} relative to the best"
 
 
-def _caption(outcome: PlanOutcome) -> str:
+def _caption(found: PlanFindings) -> str:
     parts = []
-    best = best_value(outcome.methods)
-    for name, plan in outcome.methods.items():
+    best = best_value(found.methods)
+    for name, plan in found.methods.items():
         curve = efficiency_over_time(plan, best)
         if curve:
             reached = min(curve[-1][1], 0.99999)
             parts.append(f"{name} {int(10000 * reached) / 100:.2f} % in {number(plan.search_seconds, 2)} s")
-    against = "what any plan can reach" if has_bound(outcome.planned.plan) else "the best that was found"
+    against = "what any plan can reach" if has_bound(found.planned.plan) else "the best that was found"
     return (
         f"Efficiency of the best plan so far against {against}, by search method, over wall time on one core; the mark "
         f"is the last improvement. Reached, with the time of search and certificate: {', '.join(parts)}. "

@@ -140,9 +140,7 @@ class CameraConstraint(Strict):
     lens: Lens | None = None
     distortion: Distortion = Distortion()
     placement: Placement
-    target: Annotated[
-        Annotated[str, Tag("file")] | Annotated[TargetShape, Tag("given")], Discriminator(_file_or_given)
-    ]
+    target: Annotated[Annotated[str, Tag("file")] | Annotated[TargetShape, Tag("given")], Discriminator(_file_or_given)]
     margin_px: _NotNegative = 0.0
     depth: _Pair | None = None
     incidence: _Positive | None = None

@@ -18,35 +18,38 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from symcal.compensate import compensate as compensate
+    from symcal.compensation.compensate import compensate as compensate
+    from symcal.compensation.targets import commanded as commanded
+    from symcal.compensation.targets import wanted as wanted
     from symcal.conventions import convert as convert
-    from symcal.dataset import Dataset as Dataset
+    from symcal.data.dataset import Dataset as Dataset
+    from symcal.data.measurement_file import load_measurements as load_measurements
+    from symcal.data.measurement_file import save_measurements as save_measurements
     from symcal.errors import InputError as InputError
     from symcal.errors import RefusedError as RefusedError
     from symcal.errors import SymcalError as SymcalError
-    from symcal.estimation import Options as Options
-    from symcal.evaluate import (
-        compare as compare,
-    )
-    from symcal.evaluate import (
-        cross_validate as cross_validate,
-    )
-    from symcal.evaluate import (
-        evaluate as evaluate,
-    )
-    from symcal.evaluate import (
-        statistics as statistics,
-    )
-    from symcal.experiment import run as run
     from symcal.export import export_c as export_c
     from symcal.export import save_json as save_json
     from symcal.export import save_urdf as save_urdf
-    from symcal.identify import Calibration as Calibration
-    from symcal.identify import identify as identify
-    from symcal.measurement_file import load_measurements as load_measurements
-    from symcal.measurement_file import save_measurements as save_measurements
-    from symcal.model import Task as Task
-    from symcal.model import build_model as build_model
+    from symcal.identification.estimation import Options as Options
+    from symcal.identification.evaluate import (
+        compare as compare,
+    )
+    from symcal.identification.evaluate import (
+        cross_validate as cross_validate,
+    )
+    from symcal.identification.evaluate import (
+        evaluate as evaluate,
+    )
+    from symcal.identification.evaluate import (
+        statistics as statistics,
+    )
+    from symcal.identification.identify import Calibration as Calibration
+    from symcal.identification.identify import identify as identify
+    from symcal.identification.model import Task as Task
+    from symcal.identification.model import build_model as build_model
+    from symcal.identification.simulate import Noise as Noise
+    from symcal.identification.simulate import simulate as simulate
     from symcal.planning.information import pose_information as pose_information
     from symcal.planning.search import select_poses as select_poses
     from symcal.report import write_report as write_report
@@ -65,34 +68,31 @@ if TYPE_CHECKING:
     from symcal.robot import (
         save_robot as save_robot,
     )
-    from symcal.simulate import Noise as Noise
-    from symcal.simulate import simulate as simulate
-    from symcal.targets import commanded as commanded
-    from symcal.targets import wanted as wanted
+    from symcal.runs.experiment import run as run
     from symcal.urdf import load_urdf as load_urdf
 
 _HOME = {
-    "compensate": "compensate",
+    "compensate": "compensation.compensate",
     "convert": "conventions",
-    "Dataset": "dataset",
+    "Dataset": "data.dataset",
     "InputError": "errors",
     "RefusedError": "errors",
     "SymcalError": "errors",
-    "Options": "estimation",
-    "compare": "evaluate",
-    "cross_validate": "evaluate",
-    "evaluate": "evaluate",
-    "statistics": "evaluate",
-    "run": "experiment",
+    "Options": "identification.estimation",
+    "compare": "identification.evaluate",
+    "cross_validate": "identification.evaluate",
+    "evaluate": "identification.evaluate",
+    "statistics": "identification.evaluate",
+    "run": "runs.experiment",
     "export_c": "export",
     "save_json": "export",
     "save_urdf": "export",
-    "Calibration": "identify",
-    "identify": "identify",
-    "load_measurements": "measurement_file",
-    "save_measurements": "measurement_file",
-    "Task": "model",
-    "build_model": "model",
+    "Calibration": "identification.identify",
+    "identify": "identification.identify",
+    "load_measurements": "data.measurement_file",
+    "save_measurements": "data.measurement_file",
+    "Task": "identification.model",
+    "build_model": "identification.model",
     "pose_information": "planning.information",
     "select_poses": "planning.search",
     "write_report": "report",
@@ -101,10 +101,10 @@ _HOME = {
     "Robot": "robot",
     "load_robot": "robot",
     "save_robot": "robot",
-    "Noise": "simulate",
-    "simulate": "simulate",
-    "commanded": "targets",
-    "wanted": "targets",
+    "Noise": "identification.simulate",
+    "simulate": "identification.simulate",
+    "commanded": "compensation.targets",
+    "wanted": "compensation.targets",
     "load_urdf": "urdf",
 }
 """Where each public name lives; modules are loaded when a name is first used, so that `import symcal` costs nothing."""

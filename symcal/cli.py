@@ -11,8 +11,8 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from symcal import terminal
 from symcal.errors import SymcalError
+from symcal.runs import terminal
 
 app = typer.Typer(
     help="Kinematic calibration of serial robots: plan, measure, identify, validate, compensate.",
@@ -65,7 +65,7 @@ def plan(
     quiet: Quiet = False,
 ) -> None:
     """Choose the poses to measure: which, how many, in what order, and how good the plan provably is."""
-    from symcal.plan_experiment import run_plan
+    from symcal.runs.plan import run_plan
 
     with terminal.spinner(quiet) as progress:
         folder, content = run_plan(experiment, out, seed=seed, overrides=set_ or (), progress=progress)
@@ -86,7 +86,7 @@ def camera(
 ) -> None:
     """Calibrate a camera from images of a board, and judge the calibration."""
     from symcal.camera import parse_board
-    from symcal.camera_calibration import calibrate_from_images, camera_content
+    from symcal.runs.camera import calibrate_from_images, camera_content
 
     with terminal.spinner(quiet) as progress:
         done = calibrate_from_images(images, parse_board(board), out, bowed=bowed, progress=progress)
@@ -110,7 +110,7 @@ def measure(
     quiet: Quiet = False,
 ) -> None:
     """Measure a target on the robot's tool in images."""
-    from symcal.measure_files import measure_files
+    from symcal.runs.measure import measure_files
 
     with terminal.spinner(quiet) as progress:
         found = measure_files(
@@ -148,10 +148,10 @@ def check(
     file: Annotated[Path, typer.Argument(metavar="FILE.yaml", help="robot, calibrated robot or experiment")],
 ) -> None:
     """Validate a file; print the model and what is identifiable."""
-    from symcal import experiment as runs
-    from symcal.check import check_model, check_robot
     from symcal.documents import read_document
     from symcal.robot import load_robot
+    from symcal.runs import experiment as runs
+    from symcal.runs.check import check_model, check_robot
 
     if "links" in read_document(file).data:
         robot = load_robot(file)
@@ -175,7 +175,7 @@ def validate(
     quiet: Quiet = False,
 ) -> None:
     """Judge a calibrated robot on new measurements."""
-    from symcal.validate import validate_robot
+    from symcal.runs.validate import validate_robot
 
     with terminal.spinner(quiet) as progress:
         content = validate_robot(calibrated, data, out, tuple(refit.split(",")) if refit else (), progress)
@@ -195,11 +195,11 @@ def compensate(
     """Correct joint commands so that the calibrated robot gets where it was sent."""
     import numpy as np
 
-    from symcal.compensate import compensate as solve
-    from symcal.compensate import write_joints
+    from symcal.compensation.compensate import compensate as solve
+    from symcal.compensation.compensate import write_joints
+    from symcal.compensation.targets import read_targets
     from symcal.errors import InputError
     from symcal.robot import load_robot
-    from symcal.targets import read_targets
 
     if frame not in ("base", "world"):
         raise InputError("no such frame", key="--frame", found=frame, allowed=("base", "world"))
@@ -272,7 +272,7 @@ def schema(
     """Print the JSON Schema of a file, for editors that complete it."""
     import json
 
-    from symcal.config import ExperimentFile
+    from symcal.config.conversion import ExperimentFile
     from symcal.errors import InputError
     from symcal.robot_schema import RobotFile
 
@@ -292,7 +292,7 @@ def _identify(
     *,
     study: bool = True,
 ) -> None:
-    from symcal import experiment as runs
+    from symcal.runs import experiment as runs
 
     with terminal.spinner(quiet) as progress:
         folder, content = runs.run(

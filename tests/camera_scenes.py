@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from symcal import spatial
 from symcal.camera import Camera, Target, in_image, project_points
+from symcal.identification.model import Model, Scene, build_model, pixels_task
+from symcal.identification.scene_placement import flange_poses
 from symcal.measurements import Setup
-from symcal.model import Model, Scene, build_model, pixels_task
 from symcal.robot import Robot, load_robot
-from symcal.scene_placement import flange_poses
 
 ROBOT: Robot = load_robot(Path(__file__).parents[1] / "configs" / "robots" / "handling_robot.yaml")
 

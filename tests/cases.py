@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from symcal.dataset import Dataset
-from symcal.model import Model, Task, build_model
+from symcal.data.dataset import Dataset
+from symcal.identification.model import Model, Task, build_model
+from symcal.identification.simulate import Noise, simulate
 from symcal.robot import Joint, Link, Robot, load_robot
-from symcal.simulate import Noise, simulate
 
 ROBOTS = Path(__file__).resolve().parent.parent / "configs" / "robots"
 

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from symcal import results
-from symcal.dataset import Dataset
-from symcal.estimation import Options
-from symcal.evaluate import Errors, compare, expected_position_rms
-from symcal.identify import Calibration, baseline_model, calibrate
-from symcal.model import Task, build_model
+from symcal.data.dataset import Dataset
+from symcal.identification import results
+from symcal.identification.estimation import Options
+from symcal.identification.evaluate import Errors, compare, expected_position_rms
+from symcal.identification.identify import Calibration, baseline_model, calibrate
+from symcal.identification.model import Task, build_model
+from symcal.identification.simulate import Noise, concatenate, simulate
 from symcal.robot import load_robot
-from symcal.simulate import Noise, concatenate, simulate
 
 
 def simulated(

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from symcal.model import Task, build_model
+from symcal.identification.model import Task, build_model
+from symcal.identification.simulate import Noise, simulate
 from symcal.robot import Convention, Joint, Link, Robot, save_robot
-from symcal.simulate import Noise, simulate
 
 NOISE = 0.05  # mm, per axis
 POINTS = {"SMR1": (60.0, 10.0, 130.0), "SMR2": (-45.0, 50.0, 90.0)}

@@ -12,11 +12,11 @@ import pytest
 from cases import ARM, measure, random_errors
 from strategies import random_frame
 
-from symcal.dataset import Dataset
+from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
-from symcal.estimation import Options
-from symcal.identify import Calibration, calibrate
-from symcal.model import Model, Task, build_model
+from symcal.identification.estimation import Options
+from symcal.identification.identify import Calibration, calibrate
+from symcal.identification.model import Model, Task, build_model
 
 BOTH = frozenset({"base", "tool"})
 

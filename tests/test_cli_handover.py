@@ -15,10 +15,10 @@ from cases import TABLE_III, handling
 
 from symcal import spatial
 from symcal.cli import main
-from symcal.compensate import REACHED
+from symcal.compensation.compensate import REACHED
+from symcal.compensation.targets import tool_pose
 from symcal.kernels.batch import batch_function
 from symcal.robot import Record, Robot, load_robot, save_robot
-from symcal.targets import tool_pose
 from symcal.urdf import load_urdf
 
 

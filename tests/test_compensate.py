@@ -18,7 +18,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from symcal import spatial
-from symcal.compensate import (
+from symcal.compensation.compensate import (
     CAPS,
     DAMPING,
     LEVER,
@@ -29,10 +29,10 @@ from symcal.compensate import (
     solve_definite,
     write_joints,
 )
+from symcal.compensation.targets import commanded, joint_columns, read_targets, tool_pose, wanted
 from symcal.errors import InputError, RefusedError
 from symcal.kinematics import ELEMENTS
 from symcal.robot import Joint, Link, Record, Robot, is_angle, load_robot
-from symcal.targets import commanded, joint_columns, read_targets, tool_pose, wanted
 
 TABLE_III = {  # [Ding2017]: rad and mm
     "theta_1": 0.002638,

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import yaml
 
-from symcal import config
+from symcal.config import conversion as config
 from symcal.errors import InputError
-from symcal.experiment import load
 from symcal.robot import load_robot
+from symcal.runs.experiment import load
 
 ROBOT = """\
 name: arm

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from symcal.credibility import claim
-from symcal.evaluate import Errors
+from symcal.identification.credibility import claim
+from symcal.identification.evaluate import Errors
 
 
 def errors(size: float, poses: int, rng: np.random.Generator, points: int = 2) -> Errors:

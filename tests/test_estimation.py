@@ -11,16 +11,16 @@ import pytest
 from cases import ARM, TABLE_III, front_half, handling, handling_model, measure, random_errors
 from scipy import stats
 
-from symcal.dataset import Dataset
+from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
-from symcal.estimation import Fit, Options, fit
-from symcal.identifiability import analyse
+from symcal.identification.estimation import Fit, Options, fit
+from symcal.identification.identifiability import analyse
+from symcal.identification.model import Model, Task, build_model
+from symcal.identification.noise import known_sigma, spread_of, variance_components
+from symcal.identification.rows import rows_of
+from symcal.identification.uncertainty import covariance, predicted_rms, sigmas
 from symcal.least_squares import Tolerances
-from symcal.model import Model, Task, build_model
-from symcal.noise import known_sigma, spread_of, variance_components
-from symcal.rows import rows_of
 from symcal.solvers import SOLVERS
-from symcal.uncertainty import covariance, predicted_rms, sigmas
 
 SIGMA = 0.0577
 

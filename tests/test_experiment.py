@@ -11,14 +11,14 @@ import pytest
 from measured_arms import NOISE, POINTS, measure, write_experiment
 from scipy.spatial.transform import Rotation
 
-from symcal.dataset import Dataset
+from symcal.data.dataset import Dataset
 from symcal.errors import InputError, RefusedError
-from symcal.experiment import run
-from symcal.identify import identify
+from symcal.identification.identify import identify
+from symcal.identification.model import Task
 from symcal.kinematics import chain, forward, frame_vector
-from symcal.model import Task
 from symcal.parameters import parameter_set
 from symcal.robot import load_robot
+from symcal.runs.experiment import run
 
 PLAIN = ("outputs.report=false", "outputs.figures=false")
 SMALL = (*PLAIN, "plan.poses=25", "data.test_poses=60")

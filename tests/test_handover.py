@@ -14,17 +14,17 @@ from cases import TABLE_III, front_half, handling, handling_model
 from scipy.spatial.transform import Rotation
 
 from symcal import spatial
-from symcal.compensate import REACHED
-from symcal.experiment import run
+from symcal.compensation.compensate import REACHED
+from symcal.compensation.handover import Handover, hand_over, true_robot
+from symcal.compensation.targets import tool_pose
 from symcal.export.corrections import corrections
-from symcal.handover import Handover, hand_over, true_robot
-from symcal.handover_results import correction_facts, handover_facts
+from symcal.export.results import correction_facts, handover_facts
 from symcal.kernels.batch import batch_function
 from symcal.plots.handover import handover_figures
 from symcal.report import save_figures
 from symcal.report.handover import handover_text
 from symcal.robot import Record, Robot
-from symcal.targets import tool_pose
+from symcal.runs.experiment import run
 
 
 def calibrated(errors: Mapping[str, float]) -> Robot:

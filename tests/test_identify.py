@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from strategies import random_frame, seeds
 
-from symcal.dataset import Dataset
+from symcal.data.dataset import Dataset
 from symcal.errors import InputError, RefusedError
-from symcal.estimation import Options
-from symcal.evaluate import evaluate, expected_position_rms
-from symcal.identify import Calibration, baseline_model, calibrate, identify
-from symcal.model import Model, State, Task, build_model
-from symcal.placement import stated
+from symcal.identification.estimation import Options
+from symcal.identification.evaluate import evaluate, expected_position_rms
+from symcal.identification.identify import Calibration, baseline_model, calibrate, identify
+from symcal.identification.model import Model, State, Task, build_model
+from symcal.identification.placement import stated
 from symcal.robot import Robot
 from symcal.solvers import SOLVERS
 from symcal.spatial import inverse, transform

@@ -13,11 +13,11 @@ from symcal import spatial
 from symcal.camera import Board, Camera
 from symcal.camera_files import read_camera, write_camera, write_target
 from symcal.cli import app
+from symcal.config.scene import read_scene
+from symcal.data.measurement_file import load_measurements
 from symcal.errors import InputError
-from symcal.measurement_file import load_measurements
-from symcal.model import Scene, build_model, pixels_task
+from symcal.identification.model import Scene, build_model, pixels_task
 from symcal.robot import save_robot
-from symcal.scene_file import read_scene
 from symcal.vision.render import Look, render_board, render_discs
 
 

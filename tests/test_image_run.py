@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import yaml
 
-from symcal import experiment
 from symcal.camera import Board, Camera, project_points
+from symcal.data.measurement_file import load_measurements
 from symcal.errors import InputError
-from symcal.measurement_file import load_measurements
 from symcal.robot import load_robot
-from symcal.validate import validate_robot
+from symcal.runs import experiment
+from symcal.runs.validate import validate_robot
 from symcal.vision.board_views import board_views
 
 SMALL = {"width": 816, "height": 684, "units": {"image": "px"}}

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from strategies import generators, random_robot
 
-from symcal.dataset import Dataset, with_random_test
+from symcal.data.dataset import Dataset, with_random_test
+from symcal.data.measurement_file import Split, load_measurements, save_measurements
 from symcal.errors import InputError
-from symcal.measurement_file import Split, load_measurements, save_measurements
 from symcal.robot import Joint, Link, Robot
 
 labels = st.text(st.characters(codec="utf-8", exclude_categories=["C", "Z"]), min_size=1, max_size=6).filter(

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from camera_scenes import ROBOT
 
-from symcal.dataset import Dataset
+from symcal.data.dataset import Dataset
+from symcal.data.measurement_file import load_measurements, save_measurements
 from symcal.errors import InputError
-from symcal.measurement_file import load_measurements, save_measurements
 
 NAMES = ("P1", "P2", "P3")
 HEAD = "pose,q1_deg,q2_mm,q3_mm,q4_deg,q5_deg,point,u_px,v_px"

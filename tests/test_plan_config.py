@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from symcal.config.plan import PlanConfig
 from symcal.errors import InputError, RefusedError
-from symcal.experiment import load
-from symcal.plan_config import PlanConfig
-from symcal.plan_problem import PlanProblem, nominal_noise, plan_problem
+from symcal.planning.problem import PlanProblem, nominal_noise, plan_problem
+from symcal.runs.experiment import load
 
 BOX = {"name": "press", "xyz": [0, 700, 1100], "size": [300, 300, 300]}
 

@@ -13,14 +13,14 @@ from typer.testing import CliRunner
 
 from symcal.cli import app
 from symcal.errors import InputError, RefusedError
-from symcal.experiment import load, run
-from symcal.plan_experiment import plan_experiment, run_plan
-from symcal.plan_problem import plan_problem
-from symcal.plan_results import constraint_facts, order_facts
-from symcal.planned import find_plan, plan_generator
 from symcal.planning.ordering import shortest_tour
 from symcal.planning.plan_file import read_plan
+from symcal.planning.planned import find_plan, plan_generator
+from symcal.planning.problem import plan_problem
+from symcal.planning.results import constraint_facts, order_facts
 from symcal.robot import load_robot
+from symcal.runs.experiment import load, run
+from symcal.runs.plan import plan_experiment, run_plan
 
 PLAIN = ("outputs.report=false", "outputs.figures=false")
 QUICK = (

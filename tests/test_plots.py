@@ -15,10 +15,11 @@ import pytest
 from identifications import simulated
 from matplotlib.colors import to_rgb
 
-from symcal import plots, uncertainty
-from symcal.dataset import Dataset
-from symcal.evaluate import Errors, statistics
-from symcal.identify import Calibration
+from symcal import plots
+from symcal.data.dataset import Dataset
+from symcal.identification import uncertainty
+from symcal.identification.evaluate import Errors, statistics
+from symcal.identification.identify import Calibration
 from symcal.plots import panels, style
 from symcal.report import save_figure
 from symcal.words import number

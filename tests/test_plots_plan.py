@@ -11,13 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from symcal.experiment import load
-from symcal.plan_experiment import PlanOutcome, plan_experiment
 from symcal.plots import print_settings
 from symcal.plots.plan import plan_figures
 from symcal.report import save_figures, write_report
 from symcal.report.plan import plan_text
 from symcal.report.plan_verdict import percent, plan_verdict
+from symcal.runs.experiment import load
+from symcal.runs.plan import PlanOutcome, plan_experiment
 from symcal.words import number
 
 QUICK = ("plan.poses=12", "plan.sample=600", "plan.random=20", "plan.promise={counts: [4, 6, 12], random: 10}")

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from symcal.errors import InputError, RefusedError
-from symcal.run_folder import require_replaceable, run_folder, write_json
+from symcal.runs.folder import require_replaceable, run_folder, write_json
 
 
 def write(target: Path, text: str) -> None:

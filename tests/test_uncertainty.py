@@ -7,8 +7,8 @@ import pytest
 from scipy import stats
 from test_identifiability import plain
 
-from symcal.identifiability import analyse
-from symcal.uncertainty import correlation, covariance, predicted_rms, sigma_interval, sigmas
+from symcal.identification.identifiability import analyse
+from symcal.identification.uncertainty import correlation, covariance, predicted_rms, sigma_interval, sigmas
 
 RNG = np.random.default_rng(2)
 SCALES = (1.0, 0.01, 1.0, 5.0)

@@ -5,7 +5,7 @@ Gauss-Newton on whitened, scaled rows, all repetitions in step:
     u <- V f(w) V^T W^T (W u - r / sigma),        W = J S / sigma,   W^T W = V diag(w) V^T,   x = S u
 
 with f(w) = 1/w where sqrt(w) > 1 and 0 elsewhere (minimum norm in what the data cannot see), or f(w) = 1 / (1 + w)
-(priors of the parameters' plausible sizes). Its fixed points are those of `symcal.estimation.fit` with known noise.
+(priors of the parameters' plausible sizes). Its fixed points are those of `estimation.fit` with known noise.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
-from symcal.model import Model
+from symcal.identification.model import Model
 
 Array = NDArray[np.float64]
 Rule = Literal["minimum_norm", "priors"]

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal import results
-from symcal.evaluate import statistics
+from symcal.identification import results
+from symcal.identification.evaluate import statistics
 from symcal.paper_study import published
 from symcal.paper_study.results import Identified, Recovery, Setting, Study, StudyPlan
 from symcal.paper_study.surroundings import mean_norm
-from symcal.plan_results import order_facts, plan_facts
 from symcal.planning.fitness import Reading
+from symcal.planning.results import order_facts, plan_facts
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.identifiability import Identifiability, analyse
+from symcal.config.study import SimulationOneConfig
+from symcal.identification.identifiability import Identifiability, analyse
 from symcal.kernels import batch_function
 from symcal.measurements import Measurement, Setup
 from symcal.paper_study.batch_fit import fit_many
@@ -13,7 +14,6 @@ from symcal.paper_study.repetitions import judge, measure
 from symcal.paper_study.results import Gauge, Setting, StudyPlan
 from symcal.paper_study.setting import target_measurement
 from symcal.paper_study.simulation_2 import unregularised
-from symcal.study_config import SimulationOneConfig
 
 Array = NDArray[np.float64]
 

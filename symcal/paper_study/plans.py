@@ -8,20 +8,20 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.config.plan import PlanConfig
+from symcal.config.study import StudyConfig, WeightsConfig
 from symcal.paper_study.readings import evolve, main_fitness
 from symcal.paper_study.results import PLAN_NAMES, RandomPlans, Setting, StudyPlan
 from symcal.paper_study.setting import positions
-from symcal.plan_config import PlanConfig
-from symcal.plan_problem import PlanProblem
-from symcal.planned import Planned, find_plan
 from symcal.planning.certificate import Certificate, certify
 from symcal.planning.constraints import feasible
 from symcal.planning.criteria import criterion
 from symcal.planning.fitness import Reading, Weights, sound_fitness
 from symcal.planning.ordering import shortest_tour, tour_of
 from symcal.planning.path import plan_path
+from symcal.planning.planned import Planned, find_plan
+from symcal.planning.problem import PlanProblem
 from symcal.planning.visibility import visibility
-from symcal.study_config import StudyConfig, WeightsConfig
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]

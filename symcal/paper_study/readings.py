@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.config.study import SearchConfig
 from symcal.paper_study.results import RandomPlans, ReadingResult, Setting, StudyPlan
 from symcal.planning.certificate import Certificate
 from symcal.planning.criteria import criterion
 from symcal.planning.fitness import PlanFunction, Reading, Weights, paper_fitness, sound_fitness
 from symcal.planning.genetic_method import genetic_plan
 from symcal.planning.methods import Task
-from symcal.study_config import SearchConfig
 
 Array = NDArray[np.float64]
 

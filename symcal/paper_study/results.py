@@ -8,15 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.dataset import Dataset
-from symcal.estimation import Fit
-from symcal.evaluate import Statistics, statistics
-from symcal.identifiability import Identifiability
-from symcal.identify import Calibration
+from symcal.data.dataset import Dataset
+from symcal.identification.estimation import Fit
+from symcal.identification.evaluate import Statistics, statistics
+from symcal.identification.identifiability import Identifiability
+from symcal.identification.identify import Calibration
+from symcal.identification.model import Model
+from symcal.identification.simulate import Noise
 from symcal.kernels import BatchFunction
-from symcal.model import Model
-from symcal.plan_problem import PlanProblem
-from symcal.planned import Planned
 from symcal.planning.camera_view import CameraView
 from symcal.planning.certificate import Certificate
 from symcal.planning.fitness import Reading
@@ -24,9 +23,10 @@ from symcal.planning.information import PoseInformation
 from symcal.planning.maximum import FeasibleSet
 from symcal.planning.ordering import Tour
 from symcal.planning.path import Path
+from symcal.planning.planned import Planned
+from symcal.planning.problem import PlanProblem
 from symcal.planning.region import Accuracy
 from symcal.planning.skeleton import Skeleton
-from symcal.simulate import Noise
 
 Array = NDArray[np.float64]
 

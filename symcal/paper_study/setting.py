@@ -5,21 +5,22 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal import config, measurements
+from symcal import measurements
 from symcal.camera import Camera, Target
-from symcal.config import ExperimentFile, SimulatedData
+from symcal.config import conversion as config
+from symcal.config.conversion import ExperimentFile, SimulatedData
+from symcal.config.study import Scene, StudyConfig
 from symcal.documents import Document
 from symcal.errors import RefusedError
+from symcal.identification.model import Model
+from symcal.identification.simulate import Noise
 from symcal.kernels import batch_function
-from symcal.model import Model
 from symcal.paper_study.results import Setting
-from symcal.plan_problem import PlanProblem, plan_problem
 from symcal.planning.camera_view import CameraView, camera_view, look_at
 from symcal.planning.maximum import feasible_set
+from symcal.planning.problem import PlanProblem, plan_problem
 from symcal.planning.region import TaskRegion, region_accuracy
 from symcal.planning.search import SAMPLE
-from symcal.simulate import Noise
-from symcal.study_config import Scene, StudyConfig
 
 Array = NDArray[np.float64]
 

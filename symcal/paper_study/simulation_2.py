@@ -7,18 +7,18 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.dataset import Dataset
-from symcal.estimation import Options
-from symcal.identify import baseline_model, calibrate
+from symcal.config.study import SimulationOneConfig
+from symcal.data.dataset import Dataset
+from symcal.identification.estimation import Options
+from symcal.identification.identify import baseline_model, calibrate
+from symcal.identification.simulate import simulate
 from symcal.least_squares import Problem, Tolerances
 from symcal.paper_study import published
 from symcal.paper_study.batch_fit import fit_many
 from symcal.paper_study.repetitions import cramer_rao
 from symcal.paper_study.results import Identified, Setting, StudyPlan
 from symcal.paper_study.setting import positions
-from symcal.simulate import simulate
 from symcal.solvers import levenberg_marquardt
-from symcal.study_config import SimulationOneConfig
 
 Array = NDArray[np.float64]
 

@@ -9,11 +9,11 @@ from contextlib import contextmanager
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from symcal.config import ExperimentFile
+from symcal.config.conversion import ExperimentFile
 from symcal.documents import Document
 from symcal.errors import InputError
-from symcal.estimation import Options
-from symcal.model import Model
+from symcal.identification.estimation import Options
+from symcal.identification.model import Model
 from symcal.paper_study.gauge import gauge
 from symcal.paper_study.plans import certified_plan, random_plans, reading_of, study_plans, weights_of
 from symcal.paper_study.readings import readings
@@ -22,7 +22,7 @@ from symcal.paper_study.results import Study
 from symcal.paper_study.setting import study_setting
 from symcal.paper_study.simulation_1 import simulation_1
 from symcal.paper_study.simulation_2 import published_errors, simulation_2
-from symcal.planned import plan_generator
+from symcal.planning.planned import plan_generator
 
 Progress = Callable[[str], None]
 

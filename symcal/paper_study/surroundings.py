@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.config.study import StudyConfig
+from symcal.identification.simulate import Noise
 from symcal.paper_study.printed import printed_tables
 from symcal.paper_study.results import Setting, Study
-from symcal.simulate import Noise
-from symcal.study_config import StudyConfig
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
-from symcal.identifiability import Identifiability, analyse
+from symcal.identification.identifiability import Identifiability, analyse
 from symcal.measurements import Measurement, Setup
 from symcal.planning.area import Feasible, WorkingArea, working_area
 from symcal.planning.rows import SubspaceRows, subspace_rows
@@ -96,8 +96,8 @@ def pose_information(
     """Information per pose at the nominal parameters.
 
     The identifiable subspace is decided for a plan of ``poses`` poses spread evenly over the working area, by the
-    definition of `symcal.identifiability`: singular values of Sigma^-1/2 J S above 1. Priors of the parameter set count
-    as data.
+    definition of `identifiability`: singular values of Sigma^-1/2 J S above 1. Priors of the parameter set count as
+    data.
 
     Args:
         sigmas: noise by group of the measurement: mm, rad or px. free: names of the free parameters; all when None.

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from symcal import uncertainty
-from symcal.dataset import Dataset
-from symcal.identify import Calibration
+from symcal.data.dataset import Dataset
+from symcal.identification import uncertainty
+from symcal.identification.identify import Calibration
 from symcal.plots.convergence import convergence
 from symcal.plots.distribution import error_distribution
 from symcal.plots.parameters import correlation_matrix, parameter_corrections

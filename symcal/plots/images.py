@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.ticker import FuncFormatter
 
-from symcal.evaluate import Errors
-from symcal.image_run import ImageRun
+from symcal.identification.evaluate import Errors
+from symcal.images.rendered import Example
+from symcal.images.run import ImageRun
 from symcal.plots.style import (
     BLUE,
     GREEN,
@@ -23,7 +24,6 @@ from symcal.plots.style import (
     settle,
     sheet,
 )
-from symcal.rendered import Example
 from symcal.words import number, plural
 
 _WAYS = {

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from symcal.plan_findings import PlanFindings
+from symcal.planning.findings import PlanFindings
 from symcal.plots.style import (
     BLUE,
     FAINT,

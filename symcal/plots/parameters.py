@@ -10,9 +10,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from symcal import uncertainty
-from symcal.estimation import Fit
-from symcal.identify import Calibration
+from symcal.identification import uncertainty
+from symcal.identification.estimation import Fit
+from symcal.identification.identify import Calibration
 from symcal.plots.style import BLUE, FAINT, INK, WIDE, Illustration, escaped, grid, print_settings, settle, sheet
 from symcal.words import listed, number, plural, symbol
 

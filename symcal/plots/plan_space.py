@@ -11,8 +11,8 @@ from mpl_toolkits.mplot3d import proj3d  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
-from symcal.plan_findings import PlanFindings
 from symcal.planning.camera_view import CameraView
+from symcal.planning.findings import PlanFindings
 from symcal.plots.style import (
     BLUE,
     FAINT,

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
 from numpy.typing import NDArray
 
-from symcal.plan_findings import PlanFindings
 from symcal.planning.band import HIGH, LOW, RandomBand
+from symcal.planning.findings import PlanFindings
 from symcal.planning.promise import Promise
 from symcal.plots.style import BLUE, FAINT, INK, ORANGE, WIDE, Illustration, grid, print_settings, settle, sheet
 from symcal.words import number, plural

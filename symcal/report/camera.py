@@ -16,7 +16,7 @@ def camera_text(content: Content) -> dict[str, Any]:
     """Everything that the template `camera` prints.
 
     Args:
-        content: as `symcal.camera_calibration.camera_content` gives it.
+        content: as `symcal.runs.camera.camera_content` gives it.
     """
     used = sum(view["used"] for view in content["views"])
     return {

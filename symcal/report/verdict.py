@@ -87,8 +87,8 @@ def _promise(kept: Mapping[str, Any]) -> str:
     foretold, true = kept["predicted_rms_mm"], kept["found_true_rms_mm"]
     if true is not None:
         return (
-            f"Before anything was measured these {kept['poses']} training poses foretold {number(foretold)} mm rms at the "
-            f"held-out poses from the stated noise; against the truth {number(true)} mm came of it."
+            f"Before anything was measured these {kept['poses']} training poses foretold {number(foretold)} mm rms at "
+            f"the held-out poses from the stated noise; against the truth {number(true)} mm came of it."
         )
     return (
         f"Before anything was measured these {kept['poses']} training poses foretold "

@@ -11,7 +11,7 @@ from c_build import needs_compiler
 from c_robots import arm, handling, robot_pose, table_pose
 from strategies import random_robot
 
-from symcal.compensate import joint_caps
+from symcal.compensation.compensate import joint_caps
 from symcal.export.c import CExport, export_c
 from symcal.export.c.check import CLibrary, build_library, check_c, random_readings
 from symcal.export.c.vectors import jacobian

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from c_build import STRICT, needs_compiler, succeed
 
-from symcal.compensate import REACHED, compensate
+from symcal.compensation.compensate import REACHED, compensate
+from symcal.compensation.targets import commanded
 from symcal.export import delivery
 from symcal.export.c import CExport
 from symcal.export.c.check import check_c
 from symcal.export.delivery import deliver_c, example
-from symcal.handover_results import code_facts
+from symcal.export.results import code_facts
 from symcal.report.handover import handover_text
 from symcal.robot import Robot
-from symcal.targets import commanded
 
 PROGRAM = """
 {include}

@@ -15,15 +15,15 @@ from strategies import random_frame, random_robot
 from symcal import spatial
 from symcal.camera import INTRINSIC_NAMES, Camera, Target
 from symcal.errors import InputError, RefusedError
-from symcal.estimation import Options
-from symcal.evaluate import cross_validate
-from symcal.identifiability import analyse
-from symcal.identify import identify
+from symcal.identification.estimation import Options
+from symcal.identification.evaluate import cross_validate
+from symcal.identification.identifiability import analyse
+from symcal.identification.identify import identify
+from symcal.identification.model import Scene, Task, build_model, pixels_task
+from symcal.identification.simulate import Noise, simulate
 from symcal.kinematics import chain
 from symcal.measurements import Setup, pixels
-from symcal.model import Scene, Task, build_model, pixels_task
 from symcal.parameters import parameter_set
-from symcal.simulate import Noise, simulate
 
 NAMES = ("P1", "P2", "P3", "P4")
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
-from symcal.experiment import Experiment, load
-from symcal.study_experiment import StudyOutcome, study_experiment
+from symcal.runs.experiment import Experiment, load
+from symcal.runs.study import StudyOutcome, study_experiment
 
 CONFIG = Path(__file__).resolve().parents[2] / "configs" / "handling_robot.yaml"
 

@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from study_case import outcome
 
-from symcal.dataset import Dataset
-from symcal.estimation import Options, fit
+from symcal.data.dataset import Dataset
+from symcal.identification.estimation import Options, fit
+from symcal.identification.rows import rows_of
 from symcal.paper_study.batch_fit import fit_many
 from symcal.paper_study.mirror import canonical
 from symcal.paper_study.repetitions import cramer_rao, judge, measure
 from symcal.paper_study.setting import positions
-from symcal.rows import rows_of
 
 
 def single(setting, q, z, model=None):

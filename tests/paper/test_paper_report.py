@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from symcal import experiment
+from symcal.identification.simulate import Noise
 from symcal.paper_study import published
 from symcal.paper_study.printed import printed_tables
 from symcal.paper_study.results import Study
@@ -26,8 +26,8 @@ from symcal.report import Picture, save_figures, write_report
 from symcal.report.paper import paper_text
 from symcal.report.paper.blocks import at_least, percent
 from symcal.report.paper.verdict import study_verdict
-from symcal.simulate import Noise
-from symcal.study_experiment import StudyOutcome, study_experiment
+from symcal.runs import experiment
+from symcal.runs.study import StudyOutcome, study_experiment
 from symcal.words import number
 
 SMALL = (

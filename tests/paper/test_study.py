@@ -10,11 +10,11 @@ import pytest
 from study_case import CONFIG, experiment, outcome
 
 from symcal.errors import InputError, RefusedError
-from symcal.experiment import load, run
 from symcal.paper_study import published
 from symcal.paper_study.simulation_1 import recover
 from symcal.robot import load_robot
-from symcal.study_experiment import study_experiment, write
+from symcal.runs.experiment import load, run
+from symcal.runs.study import study_experiment, write
 
 HALF = np.pi / 2
 

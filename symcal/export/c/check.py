@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.compensation.targets import tool_pose
 from symcal.export.c import CExport
 from symcal.kernels.batch import batch_function
 from symcal.kernels.compile import Compiler, find_compiler
 from symcal.robot import Robot
-from symcal.targets import tool_pose
 
 Array = NDArray[np.float64]
 

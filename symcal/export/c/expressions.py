@@ -8,13 +8,13 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
-from symcal.compensate import compensation_step
+from symcal.compensation.compensate import compensation_step
+from symcal.compensation.targets import POSE_JOINTS, base_chain, base_frames
 from symcal.errors import RefusedError
 from symcal.kernels.instructions import Constant, Instruction, Program, read_program
 from symcal.kinematics import chain, function, omegas, stack
 from symcal.parameters import parameter_set
 from symcal.robot import Robot
-from symcal.targets import POSE_JOINTS, base_chain, base_frames
 
 SX = ca.SX
 

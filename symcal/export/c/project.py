@@ -9,7 +9,7 @@ from importlib.metadata import version
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.compensate import CAPS, LEVER
+from symcal.compensation.compensate import CAPS, LEVER
 from symcal.export.c.names import identifiers, printable
 from symcal.export.c.source import FLOAT_REACHED, Model, fill, model_hash, table
 from symcal.export.c.vectors import Vectors

@@ -13,7 +13,7 @@ from importlib.resources import files
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.compensate import LEVER, REACHED, joint_caps
+from symcal.compensation.compensate import LEVER, REACHED, joint_caps
 from symcal.export.c.expressions import portable
 from symcal.export.c.names import identifiers, printable
 from symcal.kernels.instructions import Program, c_constant, c_statements, scalar_definitions

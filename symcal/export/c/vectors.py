@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from symcal.compensate import LEVER, joint_caps
+from symcal.compensation.compensate import LEVER, joint_caps
 from symcal.robot import Joint, Link, Robot
 
 Array = NDArray[np.float64]

@@ -1,0 +1,1 @@
+"""Corrected joint commands, and what they gain."""

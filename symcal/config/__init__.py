@@ -1,0 +1,1 @@
+"""The experiment file: strict schemas, and their conversion to mm and rad."""

@@ -1,0 +1,1 @@
+"""Measurements as arrays, their CSV files, and how they fall into training and test."""

@@ -1,0 +1,105 @@
+"""What looks wrong in measurements but can be meant: said, not refused."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from difflib import get_close_matches
+
+import numpy as np
+
+from symcal.data.dataset import Dataset
+from symcal.robot import Robot
+from symcal.table import Table
+from symcal.units import split_unit
+from symcal.words import plural
+
+_SHOWN = 5  # poses named one by one
+_SMALL = np.deg2rad(7.0)  # a robot in radians, read as degrees, stays within +-pi/2 to pi of them
+_TURNS = 4 * np.pi
+
+
+def notes(data: Dataset, robot: Robot) -> tuple[str, ...]:
+    """Units, joints that never move, repeated poses, points that were not seen, poses of no split."""
+    return (*_limits(data, robot), *_small_angles(data, robot), *_still(data, robot), *_twins(data), *_left_out(data))
+
+
+def _limits(data: Dataset, robot: Robot) -> list[str]:
+    found = []
+    for i, joint in enumerate(robot.joints):
+        values = data.q[:, i]
+        shown, unit = (np.rad2deg(values), "deg") if joint.revolute else (values, "mm")
+        slack = 0.02 * (joint.upper - joint.lower) if np.isfinite(joint.upper - joint.lower) else 0.0
+        outside = int(np.sum((values < joint.lower - slack) | (values > joint.upper + slack)))
+        if outside:
+            found.append(
+                f"joint {i + 1} '{joint.name}' is outside its limits in {outside} of {plural(len(data), 'pose')} "
+                f"(readings {shown.min():.6g} to {shown.max():.6g} {unit}): is the column in the unit of its name?"
+            )
+        elif joint.revolute and np.abs(values).max() > _TURNS:
+            found.append(
+                f"joint {i + 1} '{joint.name}' turns by up to {np.abs(shown).max():.6g} deg: is the column in the "
+                "unit of its name?"
+            )
+    return found
+
+
+def _small_angles(data: Dataset, robot: Robot) -> list[str]:
+    revolute = [i for i, joint in enumerate(robot.joints) if joint.revolute]
+    if len(data) < 5 or not revolute:
+        return []
+    largest = float(np.abs(data.q[:, revolute]).max())
+    if not 0 < largest < _SMALL:
+        return []
+    return [f"no revolute joint moves beyond {np.rad2deg(largest):.3g} deg: are angles in radians given as degrees?"]
+
+
+def _still(data: Dataset, robot: Robot) -> list[str]:
+    if len(data) < 2:
+        return []
+    still = [f"'{joint.name}'" for joint, span in zip(robot.joints, np.ptp(data.q, axis=0), strict=True) if span == 0]
+    if not still:
+        return []
+    return [f"the reading of joint {', '.join(still)} is the same in all poses: its errors cannot be told from others"]
+
+
+def _twins(data: Dataset) -> list[str]:
+    first: dict[tuple[float, ...], str] = {}
+    twins = []
+    for label, row in zip(data.labels, map(tuple, data.q.tolist()), strict=True):
+        if row in first:
+            twins.append(f"{first[row]} and {label}")
+        first.setdefault(row, label)
+    if not twins:
+        return []
+    shown = ", ".join(twins[:_SHOWN]) + (", ..." if len(twins) > _SHOWN else "")
+    verb = "repeats" if len(twins) == 1 else "repeat"
+    return [f"{plural(len(twins), 'pose')} {verb} the joint readings of another ({shown}): taken as measured again"]
+
+
+def _left_out(data: Dataset) -> list[str]:
+    found = []
+    missing = int(np.isnan(data.z).any(axis=1).sum())
+    if missing:
+        found.append(f"in {plural(missing, 'pose')} at least one point was not seen")
+    unused = data.split.count("unused")
+    if unused:
+        found.append(f"{plural(unused, 'pose')} with a split label that is neither train nor test: not used")
+    return found
+
+
+def unread(table: Table, known: Collection[str], points: Collection[str]) -> tuple[str, ...]:
+    """What is passed over: columns whose name comes near one that would be read, points not asked for, comments."""
+    present = {stem for stem, _ in map(split_unit, table.columns)}
+    found = []
+    for column in table.columns:
+        stem = split_unit(column)[0]
+        near = get_close_matches(stem.lower(), set(known) - present, n=1, cutoff=0.8)
+        if stem not in known and (near or stem.lower().startswith("sigma")):
+            found.append(f"column '{column}' is not read" + (f": is it '{near[0]}'?" if near else ""))
+    wide = [s.removesuffix("_x") for s in sorted(present) if s.endswith("_x") and not s.startswith("sigma_")]
+    unasked = [name for name in wide if points and name not in points]
+    if unasked and set(wide) & set(points):
+        found.append(f"the file has points that the measurement does not name: {', '.join(unasked)} (not used)")
+    if table.hidden:
+        found.append(f"{plural(table.hidden, 'row')} commented out with '#'")
+    return tuple(found)

@@ -1,0 +1,157 @@
+"""What a person should know before believing an identification: wrong units, outliers, too few poses, and the like."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from symcal.data.dataset import Dataset
+from symcal.errors import RefusedError
+from symcal.identification.estimation import Fit
+from symcal.identification.model import Model, State
+from symcal.identification.noise import known_sigma, spread_of
+from symcal.identification.registration import LEVER
+from symcal.identification.rows import rows_of
+
+Array = NDArray[np.float64]
+
+_OUTLIER = 1e-6  # probability that one good observation is called an outlier
+_ABSURD = 20.0  # scales: a correction larger than this is a mistake more often than a fact
+_NONSENSE = 0.1  # of the robot's length
+_NONSENSE_TURN = np.deg2rad(20.0)
+
+
+def plausibility(data: Dataset, before: State) -> tuple[str, ...]:
+    """What the nominal robot with fitted frames says about units, joint order and signs."""
+    model = before.model
+    r, _ = rows_of(model.measurement, data, before.setup, model.residual)(before.x)
+    position, measured, seen = _positions(model, data, r)
+    error, spread, reach = (
+        float(np.sqrt(np.mean(np.sum(values[seen] ** 2, axis=1))))
+        for values in (position, _about_centre(measured, seen), _about_centre(measured + position, seen))
+    )
+    small = reach > 1.0 and 0 < spread < reach / 30
+    large = spread > 30 * max(reach, 1.0) or spread > 30 * max(_size(model, data), LEVER)  # a tool of any length fits
+    unit = model.measurement.groups[0].unit
+    if unit == "mm" and (small or large):
+        raise RefusedError(
+            f"the measured points spread over {spread:.3g} mm, the robot's over "
+            f"{min(reach, _size(model, data)):.3g} mm: the measurements are not in the unit that their columns name"
+        )
+    extent = max(reach, LEVER if model.task.kind == "pose" else 1.0)
+    if error > 0.1 * extent:
+        return (
+            f"nominal kinematics with fitted frames is off by {error:.4g} {unit} rms, {error / extent:.0%} of the "
+            "measured spread: check the order, units and signs of the joint columns, and the robot file",
+        )
+    return ()
+
+
+def _positions(model: Model, data: Dataset, r: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Residuals and measurements of points, shape (k, 3) each, mm (in images (k, 2), px), and which were seen."""
+    group = model.measurement.groups[0]
+    position = r[:, list(group.columns)].reshape(-1, group.block)
+    measured = data.z[:, : len(group.columns)].reshape(-1, group.block)
+    return position, measured, np.asarray(np.isfinite(measured).all(axis=1))
+
+
+def _about_centre(points: Array, seen: NDArray[np.bool_]) -> Array:
+    return np.asarray(points - points[seen].mean(axis=0))
+
+
+def quality(model: Model, data: Dataset, after: Fit) -> tuple[str, ...]:
+    """What the identification says about itself.
+
+    Raises:
+        RefusedError: the identified model does not explain the measurements at all.
+    """
+    _refuse_nonsense(model, data, after)
+    notes = []
+    if after.dof < 2 * after.identifiability.rank:
+        notes.append(
+            f"only {after.dof} degrees of freedom are left for {after.identifiability.rank} identified directions "
+            f"({len(data)} poses): the errors on the training data say little about other poses; trust the held-out or "
+            "cross-validated ones"
+        )
+    if not after.solution.status.converged:
+        notes.append(f"the identification did not converge: {after.solution.message}")
+    notes += _outliers(model, data, after)
+    if after.identifiability.released:
+        notes.append(
+            f"{after.identifiability.released} direction(s) that the data determine worse than their plausible scale "
+            "were identified all the same, because the data contradict the nominal value there: state larger 'scales', "
+            "or look for the pose that causes it"
+        )
+    errors = model.parameters.mapping(after.x)
+    large = [
+        name
+        for name in model.kinematic
+        if abs(errors[name]) > _ABSURD * model.parameters.items[model.parameters.index(name)].scale
+    ]
+    if large:
+        notes.append(
+            f"corrections of {', '.join(large)} are more than {_ABSURD:.0f} times their plausible scale: check signs, "
+            "units and zero positions, or give larger 'scales'"
+        )
+    if not after.estimated and after.dof > 0:
+        factor = float(np.sqrt(after.chi_squared / after.dof))
+        if factor > 1.5 or factor < 0.67:
+            notes.append(
+                f"residuals are {factor:.3g} times the stated noise: the noise is stated too "
+                + ("small, or the model lacks something" if factor > 1 else "large")
+            )
+    return tuple(notes)
+
+
+def _refuse_nonsense(model: Model, data: Dataset, after: Fit) -> None:
+    """Wrong units, signs and joint order leave errors of the robot's own size; medians, so that a slip is no reason."""
+    r, _ = rows_of(model.measurement, data, after.setup, model.residual)(after.x)
+    position, measured, seen = _positions(model, data, r)
+    error = float(np.median(np.linalg.norm(position[seen], axis=1)))
+    spread = float(np.median(np.linalg.norm(_about_centre(measured, seen)[seen], axis=1)))
+    wrong, unit = [], model.measurement.groups[0].unit
+    if error > spread / 4 and (unit != "mm" or error > _NONSENSE * _size(model, data)):
+        wrong.append(f"{error:.4g} {unit} (the measured points spread over {spread:.4g} {unit})")
+    if model.task.kind == "pose":
+        turn = float(np.median(np.linalg.norm(r[:, list(model.measurement.groups[1].columns)], axis=1)))
+        if turn > _NONSENSE_TURN:
+            wrong.append(f"{np.rad2deg(turn):.3g} deg")
+    if not wrong:
+        return
+    pose = ", the order x, y, z, w of the quaternion, 'invert'" if model.task.kind == "pose" else ""
+    raise RefusedError(
+        f"even after the identification half of the poses are off by more than {' and '.join(wrong)}: these are not "
+        f"measurements of this robot as it is described; check units, signs and order of the joint columns, the unit "
+        f"of the measurement{pose}, and the robot file" + "".join(f"; {note}" for note in data.notes[:3])
+    )
+
+
+def _size(model: Model, data: Dataset) -> float:
+    """The nominal robot's length: links, strokes in these data, tool; mm."""
+    lengths = [abs(v) for link in model.robot.links for kind, v in link.parameters.items() if kind in ("a", "d")]
+    strokes = [np.ptp(data.q[:, i]) for i, joint in enumerate(model.robot.joints) if not joint.revolute]
+    return float(sum(lengths) + sum(strokes) + np.linalg.norm(model.robot.tool[:3, 3]))
+
+
+def _outliers(model: Model, data: Dataset, after: Fit) -> list[str]:
+    """Observations whose residual is no accident at the noise of the others."""
+    rows = rows_of(model.measurement, data, after.setup, model.residual)
+    r, _ = rows(after.x)
+    spread = spread_of(rows, known_sigma(rows, {}), after.sigmas, np.ones_like(r))
+    advice = "measure them again"
+    if (after.weights == rows.seen).all():
+        advice += " or use 'loss: huber'"
+    found = []
+    for group in model.measurement.groups:
+        white = (r / spread)[:, list(group.columns)].reshape(len(data), -1, group.block)
+        norms = np.linalg.norm(white, axis=2).max(axis=1)
+        limit = np.sqrt(stats.chi2.isf(_OUTLIER, group.block))
+        worst = [data.labels[i] for i in np.argsort(-norms) if norms[i] > limit]
+        if worst:
+            listed = ", ".join(worst[:5]) + (", ..." if len(worst) > 5 else "")
+            found.append(
+                f"{len(worst)} training pose(s) have a {group.name} residual that the noise of the others does not "
+                f"explain (pose {listed}): {advice}"
+            )
+    return found

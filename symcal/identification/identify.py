@@ -1,0 +1,178 @@
+"""From a dataset to a calibrated robot: registration, the baselines, the identification, and the robot it leaves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController
+
+from symcal.data.dataset import Dataset
+from symcal.errors import InputError, RefusedError
+from symcal.identification import uncertainty
+from symcal.identification.cautions import plausibility, quality
+from symcal.identification.estimation import Fit, Options, fit, moved
+from symcal.identification.model import Model, Part, State, Task, build_model
+from symcal.identification.placement import place as place
+from symcal.identification.placement import stated
+from symcal.identification.rows import Rows, rows_of
+from symcal.identification.scene_record import scene_record
+from symcal.measurements import Setup
+from symcal.robot import Record, Robot
+
+Array = NDArray[np.float64]
+
+_BLAS = ThreadpoolController()
+_FRAME_WEIGHT = 1e-3  # of a frame's share beside a link's: what both could take goes to the frame
+_EXACT = 1e-2  # singular value: moving by a plausible error changes the residuals by less than a hundredth of a sigma
+_SHARED = 0.05  # of an unseen direction: less than this of it in the frames is none
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """An identification: fits of the same training data from poor to rich, and the robot that the last one makes.
+
+    setup: the estimated frames fitted with nominal kinematics; the fits refer to it, so that unseen directions stay
+        there.
+    before: nominal kinematics with base and tool fitted, whether or not the task estimates them: the fair baseline.
+    before_raw: nominal kinematics with the frames as given, where all are given.
+    offsets: joint zeros and frames. after: everything identifiable.
+    """
+
+    model: Model
+    setup: Setup
+    before: State
+    before_raw: State | None
+    offsets: Fit
+    after: Fit
+    robot: Robot
+    notes: tuple[str, ...] = ()
+
+    @property
+    def states(self) -> dict[str, State]:
+        """What is compared, by the names of the results file."""
+        raw = {} if self.before_raw is None else {"before_raw": self.before_raw}
+        return raw | {
+            "before": self.before,
+            "offsets_only": State(self.model, self.setup, self.offsets.x),
+            "after": State(self.model, self.setup, self.after.x),
+        }
+
+
+def identify(robot: Robot, data: Dataset, task: Task, options: Options | None = None) -> Calibration:
+    """Calibrate a robot from measurements; only poses of the `train` split are used.
+
+    Raises:
+        InputError: names that the model does not have. RefusedError: too few poses, or data that the robot cannot
+        have produced.
+    """
+    model = build_model(robot, task)
+    return calibrate(model, baseline_model(model), data, options or Options())
+
+
+def calibrate(model: Model, baseline: Model | None, data: Dataset, options: Options) -> Calibration:
+    """`identify` with models that were built before (cross-validation, many draws).
+
+    Args:
+        baseline: from `baseline_model`.
+    """
+    with _BLAS.limit(limits=1):  # small matrices: a second thread only costs
+        return _calibrate(model, baseline, data, options)
+
+
+def _calibrate(model: Model, baseline: Model | None, data: Dataset, options: Options) -> Calibration:
+    measured, wanted = (data.kind, data.point_names), (model.task.kind, model.measurement.point_names)
+    if measured != wanted:
+        raise InputError(f"the data are {_kind(*measured)}, the task asks for {_kind(*wanted)}")
+    train = data.part("train")
+    if len(train) == 0:
+        raise RefusedError("no pose is marked for training")
+    setup = place(model, train, options)
+    rows = rows_of(model.measurement, train, setup, model.residual)
+    at = stated(model, setup)
+    offsets = fit(rows, (*model.offsets, *model.placement), options, prior_mean=at)
+    after = _frames_take_what_is_shared(
+        model, rows, fit(rows, (*model.kinematic, *model.placement), options, prior_mean=at), options, at
+    )
+    before = State(model, setup, np.zeros(len(model.parameters)))
+    raw = None if model.placement else before
+    if baseline is not None:
+        before = State(baseline, place(baseline, train, options), np.zeros(len(baseline.parameters)))
+    notes = (*plausibility(train, before), *quality(model, train, after))
+    return Calibration(model, setup, before, raw, offsets, after, calibrated_robot(model, after), notes)
+
+
+def _frames_take_what_is_shared(model: Model, rows: Rows, first: Fit, options: Options, at: Array) -> Fit:
+    """The same fit with the unseen directions moved into base, tool, points and camera.
+
+    Minimum norm divides what a frame and a link share; but where somebody put the instrument must not end up in link
+    parameters, from where it would go into commands.
+    """
+    seen = first.identifiability
+    index = model.parameters.indices(seen.names)
+    frames = np.array([name in model.placement for name in seen.names], dtype=bool)
+    if not frames.any() or not seen.hidden.shape[1]:
+        return first
+    # directions along which nothing measurable changes and a frame really moves; other unseen ones stay as they are
+    free = seen.hidden[:, seen.hidden_values < _EXACT]
+    _, share, vt = np.linalg.svd(free[frames], full_matrices=False)
+    hidden = seen.scales[:, None] * (free @ vt[share > _SHARED].T)
+    weight = np.where(frames, _FRAME_WEIGHT, 1.0) / seen.scales
+    shift = np.linalg.lstsq(weight[:, None] * hidden, -weight * first.x[index], rcond=None)[0]
+    start = first.x.copy()
+    start[index] += hidden @ shift
+    return moved(first, rows, options, start, at)
+
+
+def _kind(kind: str, points: tuple[str, ...]) -> str:
+    return f"{kind} of {', '.join(points)}" if points else kind
+
+
+def baseline_model(model: Model) -> Model | None:
+    """The model whose frames are all estimated, for the baseline; None if that is the model itself."""
+    tool: Part = "points" if "points" in model.task.estimate else "tool"
+    estimate = frozenset[Part](("base" if model.task.scene is None else "camera", tool))
+    if model.task.estimate - {"intrinsics"} == estimate:  # those keep their calibrated values at nominal kinematics
+        return None
+    task = replace(model.task, estimate=estimate, fix=(), scales={}, priors={})
+    return build_model(model.robot, task)
+
+
+def _scene(model: Model, nominal: Setup, found: Setup, errors: dict[str, float]) -> dict[str, Any]:
+    record = scene_record(model, nominal, found, errors)
+    return {"scene": record} if record else {}
+
+
+def calibrated_robot(model: Model, result: Fit) -> Robot:
+    """The robot with its identified numbers, frames and covariance."""
+    errors = model.parameters.mapping(result.x)
+    kinematic = {name: errors[name] for name in model.robot.parameters}
+    setup = result.setup.moved(errors, model.measurement.point_names)
+    free = result.free
+    sigma = dict.fromkeys(model.parameters.names)
+    sigma |= dict(zip(free, uncertainty.sigmas(result.identifiability), strict=True))
+    full = np.zeros((len(model.parameters), len(model.parameters)))
+    index = model.parameters.indices(free)
+    full[np.ix_(index, index)] = uncertainty.covariance(result.identifiability)
+    provenance: dict[str, Any] = {
+        "measurement": {
+            "type": model.task.kind,
+            "invert": model.task.invert,
+            "points_mm": {name: setup.points[k].tolist() for k, name in enumerate(model.measurement.point_names)},
+            **_scene(model, result.setup, setup, errors),
+        },
+        "noise_sigma": {f"{g.name}_{g.unit}": result.sigmas.get(g.name) for g in model.measurement.groups},
+        "rank": result.identifiability.rank,
+        "dof": result.dof,
+    }
+    record = Record(
+        errors=errors,
+        sigmas=sigma,
+        covariance=full,
+        nominal_base=result.setup.base,
+        nominal_tool=result.setup.tool,
+        provenance=provenance,
+    )
+    return replace(model.robot.corrected(kinematic), base=setup.base, tool=setup.tool, record=record)

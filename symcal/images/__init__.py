@@ -1,0 +1,1 @@
+"""From images to measurements, and experiments on rendered images."""

@@ -1,0 +1,263 @@
+"""From images of a target on the tool to measured image points, one pose per image; nothing is dropped silently.
+
+Where nobody says where the camera stands, the first images tell: all poses that their discs allow go into the consensus
+of `camera_placement`. With the camera and the mount so found (or stated), every image is searched near the place
+where the nominal robot puts the target, which also tells equal discs apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import permutations
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController
+
+from symcal import spatial
+from symcal.camera import Camera, Target
+from symcal.data.dataset import Dataset
+from symcal.errors import InputError, RefusedError
+from symcal.identification.camera_placement import place_camera
+from symcal.identification.registration import rigid_fit
+from symcal.kernels import batch_function
+from symcal.kinematics import chain, forward, frame_vector
+from symcal.parameters import parameter_set
+from symcal.robot import Robot
+from symcal.table import joint_readings, read_table
+from symcal.vision.failures import NotDetected
+from symcal.vision.images import read_image
+from symcal.vision.locate import Guess, locate_target
+from symcal.vision.target import Detection, detect_target
+
+Array = NDArray[np.float64]
+
+_BLAS = ThreadpoolController()
+
+_FIRST = 16  # images that are looked at without a prediction
+_FEWEST = 5  # of them that must show the target
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """One image to be measured: its name, the pose's label and split, joint readings (dof,), and how to get it."""
+
+    name: str
+    label: str
+    split: str
+    q: Array
+    load: Callable[[], NDArray[np.generic]]
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """Image points of all images that show the target.
+
+    data: `pixels`. images: the image of each pose. detections: of each pose. failures: (image, reason) of every other.
+    T_world_camera, T_flange_target: of the predictions, shape (4, 4), mm. found: whether they came from the images.
+    notes: what should be known about them.
+    """
+
+    data: Dataset
+    images: tuple[str, ...]
+    detections: tuple[Detection, ...]
+    failures: tuple[tuple[str, str], ...]
+    T_world_camera: Array
+    T_flange_target: Array
+    found: bool
+    notes: tuple[str, ...]
+
+
+def measure_images(
+    shots: Sequence[Shot],
+    robot: Robot,
+    camera: Camera,
+    target: Target,
+    *,
+    T_world_camera: Array | None = None,
+    search_px: float = 100.0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Measured:
+    """Image points of the target in every image.
+
+    Args:
+        target: its mount, if it has one, is where it roughly sits on the flange.
+        T_world_camera: roughly; camera and mount are found from the images when this or the mount is None.
+        search_px: how far off the predictions may be.
+    Raises:
+        RefusedError: no image shows the target, or too few to find the camera; with the reasons.
+    """
+    with _BLAS.limit(limits=1):  # small matrices: a second thread only costs
+        return _measure(shots, robot, camera, target, T_world_camera, search_px, progress)
+
+
+def _measure(
+    shots: Sequence[Shot],
+    robot: Robot,
+    camera: Camera,
+    target: Target,
+    T_world_camera: Array | None,
+    search_px: float,
+    progress: Callable[[str], None],
+) -> Measured:
+    if not shots:
+        raise RefusedError("there is no image with joint readings")
+    flange = _flange_poses(robot, np.array([shot.q for shot in shots]))
+    notes: tuple[str, ...] = ()
+    known = T_world_camera is not None and target.mount is not None
+    if T_world_camera is not None and target.mount is not None:
+        place, mount = T_world_camera, target.mount
+    else:
+        place, mount, notes = find_camera(shots, flange, camera, target, progress)
+    kept: list[tuple[Shot, Detection]] = []
+    failures: list[tuple[str, str]] = []
+    for number, (shot, pose) in enumerate(zip(shots, flange, strict=True), start=1):
+        progress(f"measuring image {number} of {len(shots)}")
+        try:
+            predicted = spatial.inverse(place) @ pose @ mount
+            kept.append((shot, detect_target(camera, target, shot.load(), predicted, search_px=search_px)))
+        except (NotDetected, InputError) as error:
+            failures.append((shot.name, error.message if isinstance(error, InputError) else str(error)))
+    if not kept:
+        raise RefusedError(f"no image could be measured: {_listed(failures)}")
+    return Measured(
+        data=_dataset(kept, target),
+        images=tuple(shot.name for shot, _ in kept),
+        detections=tuple(detection for _, detection in kept),
+        failures=tuple(failures),
+        T_world_camera=place,
+        T_flange_target=mount,
+        found=not known,
+        notes=notes,
+    )
+
+
+def find_camera(
+    shots: Sequence[Shot],
+    flange: Array,
+    camera: Camera,
+    target: Target,
+    progress: Callable[[str], None] = lambda _: None,
+) -> tuple[Array, Array, tuple[str, ...]]:
+    """T_world_camera and T_flange_target that some of the images agree on, and what should be known about them.
+
+    Args:
+        flange: T_world_flange of every image by the nominal robot, shape (N, 4, 4), mm.
+    Raises:
+        RefusedError: too few images show anything like the target, or they do not agree.
+    """
+    first = np.unique(np.linspace(0, len(shots) - 1, min(len(shots), _FIRST)).astype(int))
+    guesses: list[list[Guess]] = []
+    used: list[int] = []
+    failures: list[tuple[str, str]] = []
+    for i in first:
+        progress(f"looking for the target in image '{shots[i].name}'")
+        try:
+            guesses.append(locate_target(camera, target, shots[i].load()))
+            used.append(int(i))
+        except (NotDetected, InputError) as error:
+            failures.append((shots[i].name, str(error)))
+    if len(used) < _FEWEST:
+        raise RefusedError(
+            f"the target is seen in {len(used)} of the first {len(first)} images, {_FEWEST} are needed to find the "
+            f"camera: say where the camera and the target are, or mend the images ({_listed(failures)})"
+        )
+    width = max(len(each) for each in guesses)
+    pixels = np.full((len(used), width, len(target.names), 2), np.nan)
+    for i, each in enumerate(guesses):
+        pixels[i, : len(each)] = [guess.pixels for guess in each]
+    choices = [np.array([guess.T_camera_target for guess in each]) for each in guesses]
+    best = place_camera(camera, target, flange[used], choices, pixels)[0]
+    turns = _symmetries(target)
+    mount, notes = best.mount, []
+    if len(turns) > 1 and target.mount is None:
+        notes.append(
+            "equal discs look the same from several sides and nothing says how the target is mounted: its discs are "
+            "named alike in all images, but maybe not as on the drawing"
+        )
+    elif target.mount is not None:
+        nominal = target.mount[:3, :3]
+        mount = max((best.mount @ turn for turn in turns), key=lambda m: float(np.trace(nominal.T @ m[:3, :3])))
+    return best.camera, mount, tuple(notes)
+
+
+def read_shots(path: Path | str, robot: Robot, images: Sequence[Path]) -> tuple[list[Shot], list[tuple[str, str]]]:
+    """Images with their joint readings, from a CSV file with the columns `image`, joints, and `pose`, `split` if any.
+
+    Returns:
+        the shots in the order of the file, and (image, reason) of every image without readings and row without image.
+    Raises:
+        InputError: a file that cannot be read, two images of one name, or an image that stands twice.
+    """
+    table = read_table(path)
+    if "image" not in table.columns:
+        raise InputError("there is no column 'image'", file=path, line=table.head_line, allowed=table.columns)
+    q = joint_readings(table, [(joint.name, joint.revolute) for joint in robot.joints])
+    places: dict[str, Path] = {}
+    for image in images:
+        if image.name in places:
+            raise InputError("two images have this name", found=image.name)
+        places[image.name] = image
+    names = table.text("image")
+    labels = table.text("pose") if "pose" in table.columns else [Path(name).stem for name in names]
+    splits = table.text("split") if "split" in table.columns else ["train"] * len(table)
+    shots, left = [], []
+    for row, name in enumerate(names):
+        if names.index(name) != row:
+            raise InputError("this image stands twice", file=path, line=table.lines[row], key="image", found=name)
+        file = places.pop(Path(name).name, None)
+        if file is None:
+            left.append((name, f"line {table.lines[row]} of {Path(path).name} names it, but no such image was given"))
+        else:
+            shots.append(Shot(name, labels[row], splits[row], q[row], _reader(file)))
+    left += [(name, f"{Path(path).name} has no joint readings for it") for name in places]
+    return shots, left
+
+
+def _reader(path: Path) -> Callable[[], NDArray[np.generic]]:
+    return lambda: read_image(path)
+
+
+def _dataset(kept: Sequence[tuple[Shot, Detection]], target: Target) -> Dataset:
+    """Image points without a stated noise: that of the image is the least part of it, and the residuals tell it all."""
+    z = np.full((len(kept), 2 * len(target.names)), np.nan)
+    for row, (_, detection) in enumerate(kept):
+        for name, pixel in zip(detection.names, detection.pixels, strict=True):
+            k = target.names.index(name)
+            z[row, 2 * k : 2 * k + 2] = pixel
+    return Dataset(
+        kind="pixels",
+        q=np.array([shot.q for shot, _ in kept]),
+        z=z,
+        labels=tuple(shot.label for shot, _ in kept),
+        split=tuple(shot.split for shot, _ in kept),
+        point_names=target.names,
+        provenance="images",
+    )
+
+
+def _flange_poses(robot: Robot, q: Array) -> Array:
+    kernel = batch_function(forward(chain(robot, parameter_set(robot))), evaluations=len(q))
+    return kernel(q, np.zeros(len(robot.parameters)), frame_vector(robot.base, np.eye(4)))[0]
+
+
+def _symmetries(target: Target) -> list[Array]:
+    """Motions (4, 4) that carry the target's discs onto one another and leave their normal; the identity among them."""
+    found = [np.eye(4)]
+    if target.marked is not None or len(target.names) > 8:
+        return found
+    normal = np.array(target.normal)
+    for order in permutations(range(len(target.names))):
+        motion = rigid_fit(target.points, target.points[list(order)])
+        off = target.points @ motion[:3, :3].T + motion[:3, 3] - target.points[list(order)]
+        new = all(np.abs(motion - other).max() > 1e-6 for other in found)
+        if new and np.abs(off).max() < 1e-6 * np.ptp(target.points) and motion[:3, :3] @ normal @ normal > 1 - 1e-9:
+            found.append(motion)
+    return found
+
+
+def _listed(failures: Sequence[tuple[str, str]]) -> str:
+    shown = "; ".join(f"{name}: {reason}" for name, reason in failures[:5])
+    return shown + ("; ..." if len(failures) > 5 else "")

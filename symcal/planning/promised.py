@@ -1,0 +1,67 @@
+"""What the plan behind the data promised, beside what the identification found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from symcal.config.conversion import ExperimentFile
+from symcal.data.dataset import Dataset
+from symcal.errors import RefusedError
+from symcal.identification.evaluate import Errors
+from symcal.identification.model import Model
+from symcal.planning.area import WorkingArea
+from symcal.planning.information import pose_information
+from symcal.planning.problem import nominal_noise
+from symcal.planning.region import TaskRegion, region_accuracy
+
+
+def promise_kept(
+    file: ExperimentFile, model: Model, data: Dataset, errors: Mapping[str, Mapping[str, Errors]]
+) -> dict[str, Any] | None:
+    """Predicted and realised rms position error at the held-out poses; None where no noise is stated or none held out.
+
+    Predicted at nominal from the stated noise and the training poses, as a plan predicts it: what a later fit thinks of
+    its own noise does not enter.
+
+    Args:
+        errors: by part and state, as `symcal.identification.evaluate.compare` gives them.
+    """
+    if model.task.scene is not None or "test" not in data.split or "after" not in errors.get("test", {}):
+        return None
+    try:
+        sigmas = nominal_noise(file, model)
+    except RefusedError:
+        return None
+    train, test = data.part("train"), data.part("test")
+    area = WorkingArea(data.q.min(axis=0), data.q.max(axis=0))
+    free = (*model.kinematic, *model.placement)
+    try:
+        info = pose_information(model.measurement, model.setup, sigmas, free, area=area, poses=len(train))
+    except RefusedError:
+        return None
+    total = info.total(train.q)
+    if np.linalg.cond(total) > _SINGULAR:
+        return None
+    accuracy = region_accuracy(info, TaskRegion(test.q))
+    predicted, sigma = accuracy.mean_rms(total), sigmas["position"]
+    truth = errors.get("truth", {}).get("after")
+    return {
+        "noise_sigma_mm": sigma,
+        "poses": len(train),
+        "rank": info.rank,
+        "hidden_mm": accuracy.hidden_mm,
+        "predicted_rms_mm": predicted,
+        "predicted_measured_rms_mm": float(np.sqrt(predicted**2 + 3 * sigma**2)),
+        "found_measured_rms_mm": _rms(errors["test"]["after"]),
+        "found_true_rms_mm": None if truth is None else _rms(truth),
+    }
+
+
+_SINGULAR = 1e14
+
+
+def _rms(errors: Errors) -> float:
+    return float(np.sqrt(np.mean(errors.position**2)))

@@ -1,0 +1,1 @@
+"""The only orchestrators: files in, a run folder out."""

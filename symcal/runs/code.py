@@ -1,0 +1,24 @@
+"""The C code in a run's folder, and what its results say about it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from symcal.export.delivery import deliver_c
+from symcal.export.results import code_facts
+from symcal.robot import Robot
+
+
+def with_code(content: Mapping[str, Any], robot: Robot, folder: Path, seed: int) -> dict[str, Any]:
+    """The content of results.json after the robot was written as C into the folder `c`, or was refused."""
+    delivery = deliver_c(robot, folder / "c", np.random.default_rng(seed))
+    warnings = list(content["warnings"])
+    if delivery.export is None:
+        reasons = "; ".join(doubt.text for doubt in delivery.doubts)
+        warnings.append(f"no C code was written, because the calibration should not go to a controller: {reasons}")
+    controller = {**content["controller"], "code": code_facts(delivery)}
+    return {**content, "warnings": warnings, "controller": controller}

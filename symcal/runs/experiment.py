@@ -1,0 +1,297 @@
+"""The one orchestrator: an experiment file in, a run's folder out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from symcal.compensation.handover import POSES, Handover, hand_over
+from symcal.config import conversion as config
+from symcal.config.conversion import ExperimentFile, FileData, RenderedData, SimulatedData
+from symcal.data.dataset import Dataset
+from symcal.data.measurement_file import save_measurements
+from symcal.documents import Document, write_document
+from symcal.errors import InputError, RefusedError
+from symcal.export.results import correction_facts, handover_facts
+from symcal.identification import results
+from symcal.identification.credibility import claim
+from symcal.identification.estimation import Options
+from symcal.identification.evaluate import Errors, compare, cross_validate, expected_position_rms
+from symcal.identification.identify import Calibration, baseline_model, calibrate
+from symcal.identification.model import Model, build_model
+from symcal.images.files import write_images
+from symcal.images.run import AGAINST, ImageRun, run_images
+from symcal.planning.plan_file import write_plan
+from symcal.planning.planned import Planned, find_plan, plan_generator
+from symcal.planning.problem import plan_problem
+from symcal.planning.promised import promise_kept
+from symcal.robot import Robot, load_robot, save_robot
+from symcal.runs.code import with_code
+from symcal.runs.data import measurements
+from symcal.runs.folder import require_replaceable, run_folder, write_json
+from symcal.runs.tables import tables
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """An experiment file with everything that it names, checked and in mm and rad."""
+
+    file: ExperimentFile
+    document: Document
+    robot_path: Path
+    robot: Robot
+    model: Model
+    options: Options
+    seed: int
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What an identification run found.
+
+    planned: the plan behind simulated data, if they have one. handover: what compensation achieves, where the truth is
+        known. images: of a simulated measurement with a camera; its errors are against the truth.
+    """
+
+    experiment: Experiment
+    data: Dataset
+    planned: Planned | None
+    inputs: tuple[Path, ...]
+    calibration: Calibration
+    errors: Mapping[str, Mapping[str, Errors]]
+    handover: Handover | None
+    content: Mapping[str, Any]
+    images: ImageRun | None = None
+
+
+def load(path: Path, *, seed: int | None = None, overrides: Sequence[str] = ()) -> Experiment:
+    """Read an experiment with its robot and build its model.
+
+    Raises:
+        InputError: anything wrong in the files, with its line.
+    """
+    file, document = config.load_experiment(path, overrides)
+    robot_path = config.existing(document, file.robot, ("robot",), "robot file")
+    robot = load_robot(robot_path)
+    model = build_model(robot, config.task_of(file, document, robot))
+    options = config.options_of(file)
+    return Experiment(file, document, robot_path, robot, model, options, file.seed if seed is None else seed)
+
+
+def run(
+    path: Path,
+    out: Path | None = None,
+    *,
+    seed: int | None = None,
+    overrides: Sequence[str] = (),
+    data: Path | None = None,
+    study: bool = True,
+    progress: Progress = lambda _: None,
+) -> tuple[Path, Mapping[str, Any]]:
+    """Run an experiment and write its folder; `reports/<name>` below the current folder when ``out`` is None.
+
+    Args:
+        study: the whole study of an experiment that has one; False for a single identification.
+    Returns:
+        the folder, and the content of its results.json.
+    """
+    experiment = load(path, seed=seed, overrides=overrides)
+    target = out or Path("reports") / experiment.file.name
+    require_replaceable(target)
+    if experiment.file.study is not None and study:
+        from symcal.runs.study import write_study
+
+        return target, write_study(experiment, target, progress)
+    outcome = identify_experiment(experiment, data=data, progress=progress)
+    with run_folder(target) as folder:
+        outcome = write(outcome, folder, progress)
+    return target, outcome.content
+
+
+def identify_experiment(experiment: Experiment, *, data: Path | None = None, progress: Progress) -> Outcome:
+    """Measure (or read), identify, evaluate."""
+    simulated = isinstance(experiment.file.data, SimulatedData | RenderedData)
+    if experiment.model.task.scene is not None and simulated and data is None:
+        return _with_images(experiment, progress)
+    rng = np.random.default_rng(experiment.seed)
+    planned = None if data else plan_of(experiment, progress)
+    progress("reading the measurements" if isinstance(experiment.file.data, FileData) or data else "simulating")
+    found = measurements(experiment.file, experiment.document, experiment.model, rng, data=data, planned=planned)
+    measured, exact = found.data, found.exact
+    progress("identifying")
+    calibration = calibrate(experiment.model, baseline_model(experiment.model), measured, experiment.options)
+    errors: dict[str, Mapping[str, Errors]] = {
+        split: compare(calibration, measured.part(split)) for split in ("train", "test") if split in measured.split
+    }
+    if exact is not None:
+        errors["truth"] = compare(calibration, exact)
+    count = experiment.file.validation.folds
+    if count is None:
+        count = 0 if "test" in measured.split else 5
+    notes = [*measured.notes, *calibration.notes]
+    if count:
+        progress(f"cross-validating in {count} folds")
+        used = measured.take(np.array([s != "unused" for s in measured.split]))
+        try:
+            errors["cross_validation"] = cross_validate(experiment.model, used, experiment.options, count, rng)
+        except RefusedError as error:
+            notes.append(f"cross-validation was not possible: {error}")
+    notes += claim(errors)
+    handover = None if found.truth is None else _handover(experiment, calibration, found.truth, rng)
+    inputs = (experiment.document.path, experiment.robot_path, *found.inputs)
+    content = _content(experiment, measured, inputs, calibration, errors, notes)
+    content["controller"] = correction_facts(calibration.robot)
+    content["compensation"] = None if handover is None else handover_facts(handover)
+    return Outcome(experiment, measured, planned, found.inputs, calibration, errors, handover, content)
+
+
+def _with_images(experiment: Experiment, progress: Progress) -> Outcome:
+    """A simulated measurement with a camera, judged against the truth."""
+    own = (experiment.file, experiment.document, experiment.model, experiment.options)
+    found = run_images(*own, experiment.seed, progress)
+    calibration = found.calibration
+    notes = [*found.notes, *claim(found.errors)]
+    inputs = (experiment.document.path, experiment.robot_path, *found.inputs)
+    content = _content(replace(experiment, model=found.model), found.data, inputs, calibration, found.errors, notes)
+    content |= found.facts
+    content["against"] = AGAINST
+    content["measurement"]["poses"]["test"] = len(found.test)
+    handover = _handover(experiment, calibration, found.truth, np.random.default_rng(experiment.seed))
+    content["controller"] = correction_facts(calibration.robot)
+    content["compensation"] = handover_facts(handover)
+    return Outcome(
+        experiment, found.data, found.planned, found.inputs, calibration, found.errors, handover, content, found
+    )
+
+
+def _handover(experiment: Experiment, calibration: Calibration, truth: Robot, rng: np.random.Generator) -> Handover:
+    """Commands over the working area, executed by the true robot."""
+    (own,) = rng.spawn(1)
+    lower, upper = config.area_of(experiment.file, experiment.document, experiment.robot)
+    joints = own.uniform(lower, upper, (POSES, len(lower)))
+    return hand_over(
+        calibration.robot, truth, joints, own, aligned=bool({"base", "camera"} & experiment.model.task.estimate)
+    )
+
+
+def describe_data(experiment: Experiment) -> tuple[str, ...]:
+    """What the file of measurements holds and what looks wrong in it, or that it is not there.
+
+    Raises:
+        InputError: it is there and cannot be read.
+    """
+    source = experiment.file.data
+    if not isinstance(source, FileData):
+        return ()
+    try:
+        config.existing(experiment.document, source.file, ("data", "file"), "file of measurements")
+    except InputError as error:
+        return (str(error),)
+    rng = np.random.default_rng(experiment.seed)
+    measured = measurements(experiment.file, experiment.document, experiment.model, rng).data
+    counts = [f"{measured.split.count(s)} {s}" for s in ("train", "test", "unused") if s in measured.split]
+    return (f"{len(measured)} poses ({', '.join(counts)})", *measured.notes)
+
+
+def plan_of(experiment: Experiment, progress: Progress) -> Planned | None:
+    """The plan that simulated data are taken at; None where the file names no method, or they are not simulated."""
+    wanted = experiment.file.plan
+    if not isinstance(experiment.file.data, SimulatedData) or wanted.method is None:
+        return None
+    progress("planning")
+    rng = plan_generator(experiment.seed)
+    problem = plan_problem(experiment.file, experiment.document, experiment.model, rng)
+    return find_plan(problem, wanted.model_copy(update={"random": 0}), rng, progress)
+
+
+def _content(
+    experiment: Experiment,
+    data: Dataset,
+    inputs: Sequence[Path],
+    calibration: Calibration,
+    errors: Mapping[str, Mapping[str, Errors]],
+    notes: Sequence[str],
+) -> dict[str, Any]:
+    file = experiment.file
+    poses: dict[str, int] = {
+        split: data.split.count(split) for split in ("train", "test", "unused") if split in data.split
+    }
+    accuracy: dict[str, Any] = {name: results.accuracy_facts(found) for name, found in errors.items()}
+    if "cross_validation" in accuracy:
+        accuracy["cross_validation"]["folds"] = file.validation.folds or 5
+    expected = {
+        split: float(
+            np.sqrt(np.mean(expected_position_rms(calibration.model, calibration.after, data.part(split).q) ** 2))
+        )
+        for split in ("train", "test")
+        if split in data.split
+    }
+    return {
+        **results.header(file.name, file.title, experiment.seed, inputs, experiment.document.path.parent.resolve()),
+        "robot": results.robot_facts(experiment.robot),
+        "measurement": results.measurement_facts(experiment.model.task, poses),
+        "warnings": list(notes),
+        **results.calibration_facts(calibration),
+        "accuracy": accuracy,
+        "expected_position_rms_mm": expected,
+        "promise": promise_kept(file, experiment.model, data, errors),
+        "against": "noisy measurement",
+    }
+
+
+def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
+    """Everything a run leaves: numbers, tables, robot, measurements, C code, figures, report.
+
+    Returns:
+        the outcome, with what became of the C code in its content.
+    """
+    experiment, calibration = outcome.experiment, outcome.calibration
+    if experiment.file.outputs.c:
+        progress("exporting C")
+        outcome = replace(outcome, content=with_code(outcome.content, calibration.robot, folder, experiment.seed))
+    write_json(folder / "results.json", outcome.content)
+    save_robot(_with_provenance(outcome), folder / "calibrated.yaml")
+    save_measurements(outcome.data, experiment.robot, folder / "measurements.csv")
+    if outcome.planned is not None:
+        motion = outcome.planned.motion if outcome.planned.timed else None
+        write_plan(folder / "plan.csv", experiment.robot, outcome.planned.plan.poses, motion)
+    resolved = config.resolved(experiment.file, experiment.document, folder)
+    write_document(folder / "experiment.resolved.yaml", resolved | {"seed": experiment.seed})
+    (folder / "tables").mkdir()
+    for name, table in tables(outcome.content, calibration, outcome.data, outcome.errors).items():
+        table.to_csv(folder / "tables" / f"{name}.csv", index=False)
+    if outcome.images is not None:
+        write_images(outcome.images, folder)
+    if not (experiment.file.outputs.figures or experiment.file.outputs.report):
+        return outcome
+    from symcal.plots import identification_figures
+    from symcal.plots.handover import handover_figures
+    from symcal.plots.images import image_figures
+    from symcal.report import save_figures, write_report
+
+    progress("drawing")
+    illustrations = identification_figures(calibration, outcome.data, outcome.errors, outcome.content["against"])
+    if outcome.handover is not None:
+        illustrations += handover_figures(outcome.handover)
+    if outcome.images is not None:
+        illustrations += image_figures(outcome.images)
+    pictures = save_figures(illustrations, folder / "figures")
+    if experiment.file.outputs.report:
+        progress("writing the report")
+        write_report(outcome.content, pictures, folder / "report.pdf")
+    return outcome
+
+
+def _with_provenance(outcome: Outcome) -> Robot:
+    robot = outcome.calibration.robot
+    if robot.record is None:
+        return robot
+    content = outcome.content
+    facts = {k: content[k] for k in ("name", "seed", "versions", "inputs", "warnings", "accuracy", "against")}
+    return replace(robot, record=replace(robot.record, provenance=dict(robot.record.provenance) | facts))

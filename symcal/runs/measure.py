@@ -1,0 +1,55 @@
+"""`symcal measure`: images and joint readings in, measurements.csv out, with what could not be measured in its head."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from symcal.camera_files import read_camera, read_target
+from symcal.config.scene import read_scene
+from symcal.data.measurement_file import save_measurements
+from symcal.images.measure import Measured, measure_images, read_shots
+from symcal.robot import load_robot
+from symcal.runs.camera import image_files
+
+
+def measure_files(
+    images: Sequence[Path],
+    *,
+    camera: Path,
+    target: Path,
+    joints: Path,
+    robot: Path,
+    out: Path,
+    scene: Path | None = None,
+    search_px: float = 100.0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Measured:
+    """Measure images and write the measurements; images that failed stand in the file's first lines.
+
+    Args:
+        images: files and folders. joints: CSV with `image`, joint readings, and `pose`, `split` if any.
+        scene: where the camera roughly is; found from the images without it.
+    Raises:
+        InputError: files that cannot be read. RefusedError: nothing could be measured, with the reasons.
+    """
+    arm = load_robot(robot)
+    shots, left = read_shots(joints, arm, image_files(images))
+    found = measure_images(
+        shots,
+        arm,
+        read_camera(camera),
+        read_target(target),
+        T_world_camera=None if scene is None else read_scene(scene),
+        search_px=search_px,
+        progress=progress,
+    )
+    found = replace(found, failures=(*found.failures, *left))
+    save_measurements(found.data, arm, out)
+    head = [f"# not measured: {name}: {reason}" for name, reason in found.failures]
+    head += [f"# note: {note}" for note in found.notes]
+    if head:
+        lines = [" ".join(line.split()) for line in head]
+        out.write_text("\n".join([*lines, out.read_text(encoding="utf-8")]), encoding="utf-8")
+    return found

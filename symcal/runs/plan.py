@@ -1,0 +1,137 @@
+"""`symcal plan`: an experiment file in, a plan with its proof and its promise out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from symcal.config import conversion as config
+from symcal.documents import write_document
+from symcal.identification import results
+from symcal.planning.findings import PlanFindings, find
+from symcal.planning.plan_file import write_plan, write_waypoints
+from symcal.planning.results import (
+    constraint_facts,
+    method_facts,
+    order_facts,
+    plan_facts,
+    plan_notes,
+    plan_tables,
+    promise_facts,
+    region_words,
+)
+from symcal.runs.experiment import Experiment, load
+from symcal.runs.folder import run_folder, write_json
+from symcal.table import read_table
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class PlanOutcome:
+    """A plan with all that is known about it, and the content of its results.json."""
+
+    experiment: Experiment
+    findings: PlanFindings
+    content: Mapping[str, Any]
+
+
+def run_plan(
+    path: Path,
+    out: Path | None = None,
+    *,
+    seed: int | None = None,
+    overrides: Sequence[str] = (),
+    progress: Progress = lambda _: None,
+) -> tuple[Path, Mapping[str, Any]]:
+    """Plan an experiment and write its folder; `reports/<name>-plan` below the current folder when ``out`` is None.
+
+    Returns:
+        the folder, and the content of its results.json.
+    """
+    experiment = load(path, seed=seed, overrides=overrides)
+    outcome = plan_experiment(experiment, progress)
+    target = out or Path("reports") / f"{experiment.file.name}-plan"
+    with run_folder(target) as folder:
+        write(outcome, folder, progress)
+    return target, outcome.content
+
+
+def plan_experiment(experiment: Experiment, progress: Progress = lambda _: None) -> PlanOutcome:
+    """Search, certify, order, foretell.
+
+    Raises:
+        InputError, RefusedError: as `symcal.planning.problem.plan_problem` and `symcal.planning.planned.find_plan` do.
+    """
+    file, document = experiment.file, experiment.document
+    found = find(file, document, experiment.model, experiment.seed, progress)
+    problem, planned = found.problem, found.planned
+    shares = constraint_facts(problem, file.plan.distance)
+    inputs = (document.path, experiment.robot_path, *problem.inputs)
+    content = {
+        **results.header(file.name, file.title, experiment.seed, inputs, document.path.parent.resolve()),
+        "kind": "plan",
+        "robot": results.robot_facts(experiment.robot),
+        "measurement": results.measurement_facts(experiment.model.task, {"planned": len(planned.plan)}),
+        "warnings": [*plan_notes(problem, planned), *shares["infeasible_candidates"]],
+        "identifiability": results.identifiability_facts(problem.info.seen),
+        "plan": plan_facts(planned.plan),
+        "methods": method_facts(found.methods),
+        "promise": promise_facts(found.promise, found.band, found.needed),
+        "order": order_facts(planned),
+        "constraints": shares,
+        "region": region_words(file.plan.region, bool(problem.measuring)),
+        "candidates": None if problem.candidates is None else len(problem.candidates),
+    }
+    return PlanOutcome(experiment, found, content)
+
+
+def write(outcome: PlanOutcome, folder: Path, progress: Progress) -> None:
+    """Everything that planning leaves: numbers, plan.csv, tables, figures, report."""
+    experiment, found = outcome.experiment, outcome.findings
+    planned, problem = found.planned, found.problem
+    poses = planned.plan.poses
+    write_json(folder / "results.json", outcome.content)
+    write_plan(
+        folder / "plan.csv",
+        experiment.robot,
+        poses,
+        planned.motion if planned.timed else None,
+        names=planned.names,
+    )
+    resolved = config.resolved(experiment.file, experiment.document, folder)
+    write_document(folder / "experiment.resolved.yaml", resolved | {"seed": experiment.seed})
+    (folder / "tables").mkdir()
+    tool = problem.arm.motion(poses)[0]
+    errors = found.accuracy.at(poses, problem.info.total(poses))
+    for name, table in plan_tables(experiment.robot, planned, outcome.content, tool, errors).items():
+        table.to_csv(folder / "tables" / f"{name}.csv", index=False)
+    if planned.timed:
+        write_waypoints(folder / "tables" / "waypoints.csv", experiment.robot, planned.motion)
+    if problem.candidates is not None:
+        _write_choice(outcome, folder / "tables" / "candidates.csv")
+    if not (experiment.file.outputs.figures or experiment.file.outputs.report):
+        return
+    from symcal.plots.plan import plan_figures
+    from symcal.report import save_figures, write_report
+
+    progress("drawing")
+    pictures = save_figures(plan_figures(found), folder / "figures")
+    if experiment.file.outputs.report:
+        progress("writing the report")
+        write_report(outcome.content, pictures, folder / "report.pdf", "plan")
+
+
+def _write_choice(outcome: PlanOutcome, path: Path) -> None:
+    """The file of candidates with a column `split`: `train` for the chosen ones, `test` for the rest."""
+    document, plan = outcome.experiment.document, outcome.experiment.file.plan
+    table = read_table(document.resolve(str(plan.candidates), ("plan", "candidates")))
+    frame = pd.DataFrame(table.rows, columns=list(table.columns))
+    names = table.text("pose") if "pose" in table.columns else [str(i + 1) for i in range(len(table))]
+    chosen = set(outcome.findings.planned.names)
+    frame["split"] = ["train" if name in chosen else "test" for name in names]
+    frame.to_csv(path, index=False)

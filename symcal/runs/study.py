@@ -1,0 +1,126 @@
+"""An experiment with a section `study`: the paper's study in, a run's folder out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from symcal.compensation.handover import POSES, Handover, hand_over, true_robot
+from symcal.data.measurement_file import save_measurements
+from symcal.documents import write_document
+from symcal.export.corrections import corrections
+from symcal.export.results import correction_facts, handover_facts
+from symcal.identification import results
+from symcal.paper_study.content import study_content
+from symcal.paper_study.results import Study
+from symcal.paper_study.study import run_study
+from symcal.paper_study.surroundings import surroundings
+from symcal.paper_study.tables import study_tables
+from symcal.planning.plan_file import write_plan, write_waypoints
+from symcal.robot import Robot, save_robot
+from symcal.runs.code import with_code
+from symcal.runs.experiment import Experiment
+from symcal.runs.folder import run_folder, write_json
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class StudyOutcome:
+    """A study with the experiment that asked for it, and the content of its results.json.
+
+    handover: what compensation with the robot of the certified plan achieves.
+    """
+
+    experiment: Experiment
+    study: Study
+    handover: Handover
+    content: Mapping[str, Any]
+
+
+def study_experiment(experiment: Experiment, progress: Progress = lambda _: None) -> StudyOutcome:
+    """Run the study of an experiment.
+
+    Raises:
+        RefusedError: the experiment is not one that the study can be made of.
+    """
+    file, document = experiment.file, experiment.document
+    study = run_study(file, document, experiment.model, experiment.options, experiment.seed, progress)
+    inputs = (document.path, experiment.robot_path, *study.problem.inputs)
+    head = results.header(file.name, file.title, experiment.seed, inputs, document.path.parent.resolve())
+    assert file.study is not None  # run_study asks for it
+    progress("compensating")
+    robot, handover = study.simulation_2["certified"].calibration.robot, _handover(study, experiment.seed)
+    content = {**head, **study_content(study), **surroundings(study, file.study.sized())}
+    content |= {"controller": correction_facts(robot), "compensation": handover_facts(handover)}
+    return StudyOutcome(experiment, study, handover, content)
+
+
+def _handover(study: Study, seed: int) -> Handover:
+    """Commands over the working area, executed by the true robot."""
+    model, robot = study.setting.model, study.simulation_2["certified"].calibration.robot
+    rng = np.random.default_rng(seed).spawn(9)[-1]  # the study itself uses the first eight
+    truth = true_robot(model, model.parameters.mapping(study.setting.truth))
+    return hand_over(robot, truth, study.problem.area.sample(rng, POSES), rng)
+
+
+def write_study(experiment: Experiment, target: Path, progress: Progress = lambda _: None) -> Mapping[str, Any]:
+    """Run the study and write its folder; the content of its results.json."""
+    outcome = study_experiment(experiment, progress)
+    with run_folder(target) as folder:
+        outcome = write(outcome, folder, progress)
+    return outcome.content
+
+
+def write(outcome: StudyOutcome, folder: Path, progress: Progress = lambda _: None) -> StudyOutcome:
+    """Everything that the study leaves: numbers, tables, plans, the calibrated robot and its measurements, C code,
+    figures and report.
+
+    Returns:
+        the outcome, with what became of the C code in its content.
+    """
+    experiment, study = outcome.experiment, outcome.study
+    robot, tables = experiment.robot, folder / "tables"
+    calibrated = study.simulation_2["certified"].calibration.robot
+    if experiment.file.outputs.c:
+        progress("exporting C")
+        outcome = replace(outcome, content=with_code(outcome.content, calibrated, folder, experiment.seed))
+    write_json(folder / "results.json", outcome.content)
+    save_robot(_with_provenance(outcome), folder / "calibrated.yaml")
+    save_measurements(study.data["certified"], robot, folder / "measurements.csv")
+    write_plan(folder / "plan.csv", robot, study.plans["certified"].poses, study.plans["certified"].motion)
+    resolved = experiment.file.model_dump(mode="json", by_alias=True, exclude_none=True)
+    write_document(folder / "experiment.resolved.yaml", resolved | {"seed": experiment.seed})
+    tables.mkdir()
+    for name, table in study_tables(study).items():
+        table.to_csv(tables / f"{name}.csv", index=False)
+    corrections(calibrated).to_csv(tables / "corrections.csv", index=False)
+    for name, plan in study.plans.items():
+        write_plan(tables / f"plan_{name}.csv", robot, plan.poses, plan.motion)
+        write_waypoints(tables / f"waypoints_{name}.csv", robot, plan.motion)
+    if not (experiment.file.outputs.figures or experiment.file.outputs.report):
+        return outcome
+    from symcal.plots.handover import handover_figures
+    from symcal.plots.paper import study_figures
+    from symcal.report import save_figures, write_report
+
+    progress("drawing")
+    pictures = save_figures((*study_figures(study), *handover_figures(outcome.handover)), folder / "figures")
+    if experiment.file.outputs.report:
+        progress("writing the report")
+        write_report(outcome.content, pictures, folder / "report.pdf", kind="paper")
+    return outcome
+
+
+def _with_provenance(outcome: StudyOutcome) -> Robot:
+    """The robot that the certified plan's measurements identified."""
+    robot = outcome.study.simulation_2["certified"].calibration.robot
+    if robot.record is None:
+        return robot
+    keys = ("name", "seed", "versions", "inputs", "warnings", "accuracy", "against")
+    facts = {key: outcome.content[key] for key in keys}
+    return replace(robot, record=replace(robot.record, provenance=dict(robot.record.provenance) | facts))

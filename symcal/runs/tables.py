@@ -1,0 +1,73 @@
+"""The tables of an identification's folder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from symcal.data.dataset import Dataset
+from symcal.export.corrections import corrections
+from symcal.identification.evaluate import Errors
+from symcal.identification.identify import Calibration
+from symcal.identification.uncertainty import correlation
+
+
+def tables(
+    content: Mapping[str, Any], calibration: Calibration, data: Dataset, errors: Mapping[str, Mapping[str, Errors]]
+) -> dict[str, pd.DataFrame]:
+    """Parameters, accuracy, errors per observation, correlation, and the corrections as a controller asks for them.
+
+    Args:
+        content: of results.json. errors: by data (`train`, `test`) and state.
+    """
+    parameters = pd.DataFrame(
+        [{"parameter": name, **entry} for name, entry in content["identification"]["parameters"].items()]
+    )
+    accuracy = pd.DataFrame(
+        [
+            {"data": data, "state": state, "quantity": quantity, **values}
+            for data, states in content["accuracy"].items()
+            for state, quantities in states.items()
+            if isinstance(quantities, dict)
+            for quantity, values in quantities.items()
+        ]
+    )
+    seen = calibration.after.identifiability
+    matrix = pd.DataFrame(correlation(seen), columns=list(seen.names))
+    matrix.insert(0, "parameter", list(seen.names))
+    return {
+        "parameters": parameters,
+        "accuracy": accuracy,
+        "errors": _error_table(calibration, data, errors),
+        "correlation": matrix,
+        "corrections": corrections(calibration.robot),
+    }
+
+
+def _error_table(calibration: Calibration, data: Dataset, errors: Mapping[str, Mapping[str, Errors]]) -> pd.DataFrame:
+    names = calibration.model.measurement.point_names
+    rows = []
+    for split in ("train", "test"):
+        if split not in errors:
+            continue
+        labels = data.part(split).labels
+        labels = labels or tuple(str(i + 1) for i in range(int(max(e.pose.max() for e in errors[split].values())) + 1))
+        for state, found in errors[split].items():
+            for k, norm in enumerate(found.position):
+                rows.append(
+                    {
+                        "data": split,
+                        "state": state,
+                        "pose": labels[found.pose[k]],
+                        "point": names[found.point[k]] if names and found.point.max() else "",
+                        "x_mm": found.vectors[k, 0],
+                        "y_mm": found.vectors[k, 1],
+                        "z_mm": found.vectors[k, 2],
+                        "position_mm": norm,
+                        "orientation_deg": np.nan if found.orientation is None else np.rad2deg(found.orientation[k]),
+                    }
+                )
+    return pd.DataFrame(rows)

@@ -262,9 +262,9 @@ class Board:
             raise InputError("the spacing must be positive", key="board", found=self.square)
         charuco = self.kind == "charuco"
         if charuco != (self.marker is not None) or charuco != (self.dictionary is not None):
-            raise InputError(
-                "marker size and dictionary belong to charuco boards, and to no other", key="board", found=self.kind
-            )
+            wanted = "a charuco board needs its marker size and dictionary, as in charuco:5x7:30mm:22mm:DICT_4X4_50"
+            other = "marker size and dictionary belong to charuco boards, and to no other"
+            raise InputError(wanted if charuco else other, key="board", found=self.kind)
         if self.marker is not None and not 0 < self.marker < self.square:
             raise InputError(
                 "a marker must be smaller than its square", key="board", found=f"{self.marker} in {self.square}"
@@ -314,5 +314,5 @@ def parse_board(text: str) -> Board:
 def _length(text: str) -> float:
     match = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+)\s*(mm|cm|m)", text)
     if match is None:
-        raise InputError("a length needs its unit, such as 25mm", key="board", found=text, allowed=_MM)
+        raise InputError("a length is a positive number with its unit, such as 25mm", key="board", found=text)
     return float(match[1]) * _MM[match[2]]

@@ -77,7 +77,14 @@ def plan(
 @app.command()
 def camera(
     images: Images,
-    board: Annotated[str, typer.Option("--board", metavar="BOARD", help="such as chessboard:9x6:25mm (inner corners)")],
+    board: Annotated[
+        str,
+        typer.Option(
+            "--board",
+            metavar="BOARD",
+            help="chessboard:9x6:25mm (inner corners), circles:.., charuco:5x7:30mm:22mm:DICT_4X4_50",
+        ),
+    ],
     out: Annotated[Path, typer.Option("--out", metavar="YAML", help="camera file; its page is a PDF beside it")] = Path(
         "camera.yaml"
     ),
@@ -87,7 +94,9 @@ def camera(
     """Calibrate a camera from images of a board, and judge the calibration."""
     from symcal.camera import parse_board
     from symcal.runs.camera import calibrate_from_images, camera_content
+    from symcal.runs.folder import require_place
 
+    require_place(out)
     with terminal.spinner(quiet) as progress:
         done = calibrate_from_images(images, parse_board(board), out, bowed=bowed, progress=progress)
     if not quiet:
@@ -101,7 +110,12 @@ def measure(
     images: Images,
     camera_file: Annotated[Path, typer.Option("--camera", metavar="YAML", help="camera file")],
     target: Annotated[Path, typer.Option("--target", metavar="YAML", help="target file")],
-    joints: Annotated[Path, typer.Option("--joints", metavar="CSV", help="image names with joint readings")],
+    joints: Annotated[
+        Path,
+        typer.Option(
+            "--joints", metavar="CSV", help="columns image, q1_deg.. (or joint names with units); pose, split"
+        ),
+    ],
     robot: Annotated[Path, typer.Option("--robot", metavar="YAML", help="robot file")],
     scene: Annotated[
         Path | None, typer.Option("--scene", metavar="YAML", help="where the camera roughly is [found from the images]")
@@ -110,8 +124,10 @@ def measure(
     quiet: Quiet = False,
 ) -> None:
     """Measure a target on the robot's tool in images."""
+    from symcal.runs.folder import require_place
     from symcal.runs.measure import measure_files
 
+    require_place(out)
     with terminal.spinner(quiet) as progress:
         found = measure_files(
             images,
@@ -200,6 +216,9 @@ def compensate(
     from symcal.compensation.targets import read_targets
     from symcal.errors import InputError
     from symcal.robot import load_robot
+    from symcal.runs.folder import require_place
+
+    require_place(out)
 
     if frame not in ("base", "world"):
         raise InputError("no such frame", key="--frame", found=frame, allowed=("base", "world"))
@@ -257,7 +276,10 @@ def import_(
 ) -> None:
     """Read a URDF chain as a robot file."""
     from symcal.robot import save_robot
+    from symcal.runs.folder import require_place
     from symcal.urdf import load_urdf
+
+    require_place(out)
 
     robot = load_urdf(urdf, base, tip)
     save_robot(robot, out)

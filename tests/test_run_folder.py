@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from symcal.errors import InputError, RefusedError
-from symcal.runs.folder import require_replaceable, run_folder, write_json
+from symcal.runs.folder import require_place, require_replaceable, run_folder, write_json
 
 
 def write(target: Path, text: str) -> None:
@@ -104,3 +104,12 @@ def test_json_has_no_nan(tmp_path):
     assert json.loads(path.read_text(encoding="utf-8")) == {"ö": [1.5, None]}
     with pytest.raises(ValueError, match="not JSON compliant"):
         write_json(path, {"a": math.nan})
+
+
+def test_a_file_needs_a_folder_before_the_work_is_done(tmp_path: Path) -> None:
+    require_place(tmp_path / "camera.yaml")
+    with pytest.raises(InputError, match="make it first"):
+        require_place(tmp_path / "missing" / "camera.yaml")
+    with pytest.raises(InputError, match="name a file"):
+        require_place(tmp_path)
+    assert list(tmp_path.iterdir()) == []

@@ -103,7 +103,7 @@ def _measure(
     progress: Callable[[str], None],
 ) -> Measured:
     if not shots:
-        raise RefusedError("there is no image with joint readings")
+        raise RefusedError("none of the images is there and has joint readings: check the names in the joints file")
     flange = _flange_poses(robot, np.array([shot.q for shot in shots]))
     notes: tuple[str, ...] = ()
     known = T_world_camera is not None and target.mount is not None

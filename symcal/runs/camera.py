@@ -35,11 +35,13 @@ def image_files(paths: Sequence[Path]) -> list[Path]:
     """Files as they are, and the images of folders in the order of their names.
 
     Raises:
-        InputError: a folder without images.
+        InputError: a folder that is not there or has no images.
     """
     out: list[Path] = []
     for path in paths:
         if not path.is_dir():
+            if path.suffix.lower() not in IMAGE_SUFFIXES and not path.exists():
+                raise InputError("there is no such file or folder", file=path)
             out.append(path)
             continue
         found = sorted(file for file in path.iterdir() if file.suffix.lower() in IMAGE_SUFFIXES)

@@ -34,6 +34,18 @@ CONTENT = frozenset(
 """Names that a run's folder may hold. A folder with anything else is not replaced: it is somebody's."""
 
 
+def require_place(file: Path) -> None:
+    """Refuse early, before the work is done, a file that could not be written.
+
+    Raises:
+        InputError: its folder is not there, or the name is a folder's.
+    """
+    if file.is_dir():
+        raise InputError("this is a folder: name a file", key="--out", found=file)
+    if not file.absolute().parent.is_dir():
+        raise InputError("the folder of this file is not there: make it first", key="--out", found=file)
+
+
 def require_replaceable(target: Path) -> None:
     """Refuse early, before the work is done, what `run_folder` would not replace.
 

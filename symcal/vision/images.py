@@ -42,6 +42,8 @@ def read_image(path: Path | str) -> Image:
         image = None
     if image is None:
         raise InputError("not an image that can be read", file=path)
+    if not np.isfinite(image).all():
+        raise InputError("the image has pixels that are no finite number", file=path)
     if image.dtype != np.uint8:
         full = (
             2.0 ** np.ceil(np.log2(max(float(image.max()), 255.0) + 1))

@@ -350,3 +350,12 @@ def test_tool_pose_is_in_the_base_frame(handling: Robot) -> None:
 def test_caps_default() -> None:
     geared = six_axis(geared=True)
     np.testing.assert_allclose(joint_caps(geared), CAPS[0] / np.arange(50.0, 56.0))
+
+
+def test_large_zero_offsets_widen_the_caps(handling: Robot) -> None:
+    """A found offset of 1.5 deg is what compensation is for; the cap against nonsense must let it through."""
+    found = calibrated(handling, {"theta_4": np.deg2rad(1.5)})
+    assert joint_caps(handling) == pytest.approx([0.02, 10.0, 10.0, 0.02, 0.02])
+    assert joint_caps(found) == pytest.approx([3 * np.deg2rad(1.5), 10.0, 10.0, *[3 * np.deg2rad(1.5)] * 2])
+    absurd = calibrated(handling, {"d_2": 400.0})
+    assert joint_caps(absurd) == pytest.approx([0.02, 50.0, 50.0, 0.02, 0.02])

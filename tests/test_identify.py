@@ -323,3 +323,8 @@ def test_known_and_estimated_noise_weigh_the_same_when_they_agree() -> None:
     assert known.after.chi_squared / known.after.dof == pytest.approx(1.0, abs=0.25)
     for one in (half, free):
         assert position_rms(one, data) == pytest.approx(position_rms(known, data), rel=0.01)
+
+
+def test_a_point_without_coordinates_is_refused_in_words() -> None:
+    with pytest.raises(InputError, match="needs x, y and z"):
+        build_model(ARM, Task("position", frozenset({"points"}), {"A": None}))  # type: ignore[dict-item]

@@ -39,7 +39,11 @@ LEVER = 300.0
 DAMPING = 1e-3
 """lambda^2 in mm^2."""
 CAPS = (0.02, 10.0)
-"""The largest correction of a joint: rad, mm. A calibration that asks for more is an error, not a correction."""
+"""The largest correction of a joint: rad, mm. More is an error, not a correction, unless zero offsets are larger."""
+OFFSETS = 3.0
+"""How much larger than the largest zero offset of the arm a correction may be: joints also make up for each other."""
+WIDEST = 5.0
+"""How much wider than its default a cap may become: larger offsets are refused as absurd elsewhere."""
 REACHED = 1e-6
 """mm: residuals below are none."""
 
@@ -102,8 +106,19 @@ def write_joints(result: Compensation, path: Path | str) -> None:
 
 
 def joint_caps(robot: Robot, caps: tuple[float, float] = CAPS) -> Array:
-    """The largest correction of every reading, shape (dof,): ``caps`` (rad, mm) are of the joint, behind its ratio."""
-    return np.array([(caps[0] if j.revolute else caps[1]) / abs(j.ratio) for j in robot.joints])
+    """The largest correction of every reading, shape (dof,), rad or mm.
+
+    ``caps`` (rad, mm) are of the joint, behind its ratio. Where the calibration found zero offsets nearly as large,
+    they are what is to be corrected and no accident: the cap is then OFFSETS times the largest one of the arm,
+    and at most WIDEST times the default.
+    """
+    errors = {} if robot.record is None else robot.record.errors
+    largest = [caps[0], caps[1]]
+    for i, joint in enumerate(robot.joints, start=1):
+        kind = 0 if joint.revolute else 1
+        offset = abs(errors.get(f"{'d' if kind else 'theta'}_{i}", 0.0))
+        largest[kind] = max(largest[kind], min(OFFSETS * offset, WIDEST * caps[kind]))
+    return np.array([(largest[0] if j.revolute else largest[1]) / abs(j.ratio) for j in robot.joints])
 
 
 def compensation_step(

@@ -16,6 +16,7 @@ from symcal.identification.rows import rows_of
 
 Array = NDArray[np.float64]
 
+_STANDS_OUT = 4.0  # medians: a residual larger than this is one slip that spoils the others
 _OUTLIER = 1e-6  # probability that one good observation is called an outlier
 _ABSURD = 20.0  # scales: a correction larger than this is a mistake more often than a fact
 _NONSENSE = 0.1  # of the robot's length
@@ -148,7 +149,12 @@ def _outliers(model: Model, data: Dataset, after: Fit) -> list[str]:
         norms = np.linalg.norm(white, axis=2).max(axis=1)
         limit = np.sqrt(stats.chi2.isf(_OUTLIER, group.block))
         worst = [data.labels[i] for i in np.argsort(-norms) if norms[i] > limit]
-        if worst:
+        if len(worst) > len(data) / 5 and norms.max() < _STANDS_OUT * np.median(norms):
+            found.append(
+                f"{len(worst)} of {len(data)} training poses have a {group.name} residual beyond the noise: not "
+                "outliers, but a noise stated too small or an effect that the model lacks"
+            )
+        elif worst:
             listed = ", ".join(worst[:5]) + (", ..." if len(worst) > 5 else "")
             found.append(
                 f"{len(worst)} training pose(s) have a {group.name} residual that the noise of the others does not "

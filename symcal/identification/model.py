@@ -185,6 +185,10 @@ def build_model(robot: Robot, task: Task) -> Model:
     for name in task.fix:
         if name not in parameters.names:
             raise InputError("no such parameter to fix", key="identification.fix", found=name, allowed=parameters.names)
+    for name in task.point_names:
+        if np.shape(task.points[name]) != (3,):
+            message = f"the point '{name}' needs x, y and z in mm; zeros will do where points are estimated"
+            raise InputError(message, key="points", found=task.points[name])
     parameters = parameters.with_scales(task.scales).with_priors(task.priors)
     symbolic = chain(robot, parameters)
     points = np.array([task.points[name] for name in task.point_names], dtype=float).reshape(-1, 3)

@@ -36,6 +36,7 @@ Array = NDArray[np.float64]
 NAMES = ("D", "A", "E", "cond", "O1", "O2", "O3", "O4", "O5", "I", "G")
 
 _G_POSES = 400  # of the region's sample, over which searches take the largest error
+_LEAST = 1e-300  # below it a trace is a rounding error of a singular matrix
 _G_POWER = 12.0  # they maximise a power mean: the maximum itself has no gradient where two poses tie
 
 
@@ -200,7 +201,8 @@ def linear(weight: Array) -> tuple[Callable[[Array], Array], Callable[[Array], A
     """Score -log tr(W M^-1) and its slope, for a symmetric W >= 0, shape (n, n): what A, I and bounds are made of."""
 
     def score(m: Array) -> Array:
-        return -np.log(_weighted_inverse(m, weight))
+        trace = _weighted_inverse(m, weight)
+        return np.asarray(np.where(trace > 0, -np.log(np.maximum(trace, _LEAST)), -np.inf))
 
     def slope(m: Array) -> Array:
         inverse = np.linalg.inv(m)

@@ -210,6 +210,17 @@ def region_words(wanted: AreaRegion | BoxRegion | FileRegion | None, constrained
 def plan_notes(problem: PlanProblem, planned: Planned) -> list[str]:
     """What the user should know before driving."""
     notes = list(planned.motion.conflicts)
+    measurement, points = problem.info.measurement, problem.info.setup.points
+    unknown = [
+        name
+        for name, point in zip(measurement.point_names, points, strict=False)
+        if f"tool_{name}_x" in measurement.parameters.names and not point.any()
+    ]
+    if unknown:
+        notes.append(
+            f"where {', '.join(unknown)} sit on the tool is not stated: the plan takes the origin of the tool, where "
+            "some directions cannot be seen; rough coordinates under 'measurement.points' make it truer"
+        )
     if not planned.timed:
         slow = [joint.name for joint in problem.robot.joints if joint.speed is None]
         notes.append(

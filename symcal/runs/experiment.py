@@ -30,6 +30,7 @@ from symcal.planning.planned import Planned, find_plan, plan_generator
 from symcal.planning.problem import plan_problem
 from symcal.planning.promised import promise_kept
 from symcal.robot import Robot, load_robot, save_robot
+from symcal.runs.check import parallel_axes
 from symcal.runs.code import with_code
 from symcal.runs.data import measurements
 from symcal.runs.folder import require_replaceable, run_folder, write_json
@@ -134,7 +135,7 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     count = experiment.file.validation.folds
     if count is None:
         count = 0 if "test" in measured.split else 5
-    notes = [*measured.notes, *calibration.notes]
+    notes = [*measured.notes, *parallel_axes(experiment.robot), *calibration.notes]
     if count:
         progress(f"cross-validating in {count} folds")
         used = measured.take(np.array([s != "unused" for s in measured.split]))
@@ -294,4 +295,7 @@ def _with_provenance(outcome: Outcome) -> Robot:
         return robot
     content = outcome.content
     facts = {k: content[k] for k in ("name", "seed", "versions", "inputs", "warnings", "accuracy", "against")}
+    source = outcome.experiment.file.data
+    if isinstance(source, FileData):  # so that new files of the same layout can be read for validation
+        facts["layout"] = {"columns": dict(source.columns), "delimiter": source.delimiter, "decimal": source.decimal}
     return replace(robot, record=replace(robot.record, provenance=dict(robot.record.provenance) | facts))

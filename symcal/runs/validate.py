@@ -20,6 +20,7 @@ from symcal.identification.model import Model, Part, State, Task, build_model, p
 from symcal.identification.scene_record import recorded_scene
 from symcal.robot import Robot, load_robot
 from symcal.runs.folder import run_folder, write_json
+from symcal.table import read_table
 
 _PARTS: tuple[Part, ...] = ("base", "tool", "points", "camera")
 
@@ -35,6 +36,8 @@ def validate_robot(
 
     `before` is nominal kinematics with the frames that were fitted on the training data, `after` the calibrated robot.
 
+    The file may have the canonical columns or those that the calibration was read from.
+
     Args:
         refit: frames to fit to the new data first, for both (the instrument or the tool was moved in between). What is
             then left says how well the kinematics carry over, not where the robot stands.
@@ -47,7 +50,17 @@ def validate_robot(
         raise InputError(message, file=calibrated)
     task = _task(robot, calibrated, refit, "after")
     progress("reading the measurements")
-    new = load_measurements(data, robot, task.kind, point_names=task.point_names)
+    layout = robot.record.provenance.get("layout", {})
+    header = read_table(data, delimiter=layout.get("delimiter")).columns
+    new = load_measurements(
+        data,
+        robot,
+        task.kind,
+        point_names=task.point_names,
+        columns={canonical: name for canonical, name in layout.get("columns", {}).items() if name in header},
+        delimiter=layout.get("delimiter"),
+        decimal=layout.get("decimal", "."),
+    )
     new = replace(new, split=("test",) * len(new))
     errors: dict[str, Errors] = {}
     for name, subject in (("before", robot.nominal()), ("after", robot)):

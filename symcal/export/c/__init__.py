@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from symcal.compensation.compensate import joint_caps
 from symcal.errors import InputError
 from symcal.export.c.expressions import programs
 from symcal.export.c.names import identifier
@@ -42,7 +43,7 @@ class CExport:
 
 
 def export_c(
-    robot: Robot, out_dir: Path | str, *, prefix: str | None = None, iterations: int = 3, vectors: int = 24
+    robot: Robot, out_dir: Path | str, *, prefix: str | None = None, iterations: int | None = None, vectors: int = 24
 ) -> CExport:
     """Write a robot's kinematics as C99, ready to be dropped into a firmware.
 
@@ -53,7 +54,7 @@ def export_c(
         robot: calibrated (or nominal: then both models are the same).
         out_dir: the folder to write.
         prefix: of all names, an identifier; by default made of the robot's name.
-        iterations: Newton steps of a compensation.
+        iterations: Newton steps of a compensation; by default three, and six where large zero offsets widen the caps.
         vectors: how many test vectors.
     Raises:
         InputError: the folder holds files that are not of an export, or cannot be written; the prefix is no identifier.
@@ -64,6 +65,8 @@ def export_c(
             "the prefix must be lower-case letters, digits and single underscores, at most 24, starting with a letter"
         )
         raise InputError(message, key="prefix", found=prefix)
+    if iterations is None:
+        iterations = 3 if (joint_caps(robot) <= joint_caps(robot.nominal())).all() else 6
     if iterations < 1 or vectors < 1:
         raise InputError("there must be at least one iteration and one test vector", found=(iterations, vectors))
     model = Model(robot, prefix or identifier(robot.name, "robot"), iterations, programs(robot))

@@ -9,7 +9,7 @@ from importlib.metadata import version
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.compensation.compensate import CAPS, LEVER
+from symcal.compensation.compensate import LEVER, joint_caps
 from symcal.export.c.names import identifiers, printable
 from symcal.export.c.source import FLOAT_REACHED, Model, fill, model_hash, table
 from symcal.export.c.vectors import Vectors
@@ -120,6 +120,7 @@ def _readme(model: Model, vectors: Vectors) -> dict[str, object]:
         orientation = (
             "The position is compensated, the orientation is not: an arm with fewer than six joints cannot choose both."
         )
+    caps = joint_caps(robot) * np.abs([joint.ratio for joint in robot.joints])
     return {
         "state_sentence": state,
         "version": version("symcal"),
@@ -127,7 +128,12 @@ def _readme(model: Model, vectors: Vectors) -> dict[str, object]:
         "example": ", ".join(f"{value:g}" for value in vectors.q[0].round(2)),
         "function_rows": "\n".join(functions),
         "iterations": model.iterations,
-        "caps": f"{CAPS[0]:g} rad and {CAPS[1]:g} mm of the joint",
+        "caps": " and ".join(
+            f"{max(cap for cap, j in zip(caps, robot.joints, strict=True) if j.revolute is kind):.3g} {unit}"
+            for kind, unit in ((True, "rad"), (False, "mm"))
+            if any(j.revolute is kind for j in robot.joints)
+        )
+        + " of the joint",
         "orientation": orientation,
         "reached_float": f"{FLOAT_REACHED * max(robot.reach, 1.0):.2g}",
         "joint_rows": "\n".join(rows),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from cases import TABLE_III
 from scipy.spatial.transform import Rotation
 
 from symcal import spatial
@@ -16,23 +17,7 @@ from symcal.robot import Robot, load_robot
 
 ROBOT: Robot = load_robot(Path(__file__).parents[1] / "configs" / "robots" / "handling_robot.yaml")
 
-TRUTH = {
-    "theta_1": 0.002638,
-    "theta_4": 0.001455,
-    "theta_5": -0.001361,
-    "alpha_1": 0.003693,
-    "alpha_2": -0.005797,
-    "alpha_3": 0.005499,
-    "alpha_4": 0.001450,
-    "a_4": -0.0760,
-    "a_5": 0.0240,
-    "d_2": 0.0184,
-    "d_3": 0.0240,
-    "d_4": -0.0417,
-    "d_5": 0.0530,
-    "beta_1": 0.00123,
-    "beta_3": 0.006221,
-}
+TRUTH = TABLE_III
 """Errors of the robot: Table III of the paper, mm and rad."""
 
 

@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 import pandas as pd
 import pytest
+from cases import TABLE_III
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -33,24 +34,6 @@ from symcal.compensation.targets import commanded, joint_columns, read_targets, 
 from symcal.errors import InputError, RefusedError
 from symcal.kinematics import ELEMENTS
 from symcal.robot import Joint, Link, Record, Robot, is_angle, load_robot
-
-TABLE_III = {  # [Ding2017]: rad and mm
-    "theta_1": 0.002638,
-    "alpha_1": 0.003693,
-    "beta_1": 0.00123,
-    "alpha_2": -0.005797,
-    "d_2": 0.0184,
-    "alpha_3": 0.005499,
-    "d_3": 0.0240,
-    "beta_3": 0.006221,
-    "theta_4": 0.001455,
-    "alpha_4": 0.001450,
-    "a_4": -0.0760,
-    "d_4": -0.0417,
-    "theta_5": -0.001361,
-    "a_5": 0.0240,
-    "d_5": 0.0530,
-}
 
 
 def calibrated(robot: Robot, errors: dict[str, float]) -> Robot:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pinocchio as pin
+from cases import TABLE_III
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
@@ -352,23 +353,7 @@ def test_shipped_fr3_has_the_panda_s_table_and_the_camera_s_mount(rng, configs):
 # ------------------------------------------------------------------------------------------- the paper's robot
 
 
-ERRORS = {  # [Ding2017] Table III
-    "theta_1": 0.002638,
-    "theta_4": 0.001455,
-    "theta_5": -0.001361,
-    "alpha_1": 0.003693,
-    "alpha_2": -0.005797,
-    "alpha_3": 0.005499,
-    "alpha_4": 0.001450,
-    "a_4": -0.0760,
-    "a_5": 0.0240,
-    "d_2": 0.0184,
-    "d_3": 0.0240,
-    "d_4": -0.0417,
-    "d_5": 0.0530,
-    "beta_1": 0.00123,
-    "beta_3": 0.006221,
-}
+ERRORS = TABLE_III
 
 
 def test_the_paper_s_robot_at_a_pose_worked_out_by_hand(configs):

@@ -36,7 +36,6 @@ Array = NDArray[np.float64]
 NAMES = ("D", "A", "E", "cond", "O1", "O2", "O3", "O4", "O5", "I", "G")
 
 _G_POSES = 400  # of the region's sample, over which searches take the largest error
-_LEAST = 1e-300  # below it a trace is a rounding error of a singular matrix
 _G_POWER = 12.0  # they maximise a power mean: the maximum itself has no gradient where two poses tie
 
 
@@ -107,10 +106,6 @@ def criterion(name: str, *, poses: int = 1, accuracy: Accuracy | None = None) ->
 def _eigenvalues(m: Array) -> Array:
     """Ascending, shape (..., n), not below zero."""
     return np.asarray(np.maximum(np.linalg.eigvalsh(m), 0.0))
-
-
-def _smallest(m: Array) -> Array:
-    return np.asarray(_eigenvalues(m)[..., 0])
 
 
 def _log(value: Array) -> Array:
@@ -202,7 +197,9 @@ def linear(weight: Array) -> tuple[Callable[[Array], Array], Callable[[Array], A
 
     def score(m: Array) -> Array:
         trace = _weighted_inverse(m, weight)
-        return np.asarray(np.where(trace > 0, -np.log(np.maximum(trace, _LEAST)), -np.inf))
+        return np.asarray(
+            np.where(trace > 0, -_log(trace), -np.inf)
+        )  # rounding may make it negative where M is singular
 
     def slope(m: Array) -> Array:
         inverse = np.linalg.inv(m)

@@ -142,12 +142,5 @@ def _wandering(study: Study) -> list[str]:
     return [name for name, a, b in zip(names, free, held, strict=True) if a > 3 * b]
 
 
-def _tables(study: Study) -> list[tuple[Mapping[str, float], str, str]]:
-    """The paper's identified errors, where the simulated robot is the paper's."""
-    if not study.published_true:
-        return []
-    return [(published.TABLE_V, "paper, Table V", "x"), (published.TABLE_VI, "paper, Table VI", "+")]
-
-
 def _off(table: Mapping[str, float], names: tuple[str, ...], truth: Array, scales: Array) -> Array:
     return np.abs(np.array([table[name] for name in names]) - truth) / scales

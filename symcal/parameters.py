@@ -37,6 +37,8 @@ class Parameter:
 
     nominal: its nominal value (mm, rad); increments of frames have nominal 0.
     scale: plausible size of its error; prior_sigma: standard deviation of a prior on the error, or None.
+    unknown: nothing is known of it before it is measured (frames, points, a camera that was not calibrated): its scale
+        then says what counts as seen, not what is plausible.
     """
 
     name: str
@@ -44,6 +46,7 @@ class Parameter:
     nominal: float
     scale: float
     prior_sigma: float | None = None
+    unknown: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,7 +182,11 @@ def parameter_set(
     entries += [(f"tool_{point}_{axis}", "mm", 0.0) for point in points for axis in "xyz"]
     if camera:
         entries += _frame("camera", 6)
-    items = [Parameter(name, unit, value, robot.scales.get(name, SCALE[unit])) for name, unit, value in entries]
+    links = robot.parameters
+    items = [
+        Parameter(name, unit, value, robot.scales.get(name, SCALE[unit]), unknown=name not in links)
+        for name, unit, value in entries
+    ]
     if intrinsics is None:
         return ParameterSet(tuple(items))
     free, priors = _intrinsics(intrinsics)
@@ -196,7 +203,7 @@ def _intrinsics(camera: Camera) -> tuple[list[Parameter], tuple[JointPrior, ...]
         unit: Unit = "px" if i < 4 else "1"
         size = _FOCAL * (camera.fx, camera.fy, camera.width, camera.width)[i] if i < 4 else _DISTORTION
         scale = size if covariance is None else max(size, _PRIOR_SIGMAS * float(np.sqrt(variance[i])))
-        items.append(Parameter(name, unit, float(camera.intrinsics[i]), scale))
+        items.append(Parameter(name, unit, float(camera.intrinsics[i]), scale, unknown=True))
     if covariance is None or not free.size:
         return items, ()
     return items, (JointPrior(tuple(p.name for p in items), covariance[np.ix_(free, free)]),)

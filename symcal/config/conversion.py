@@ -166,7 +166,7 @@ def _unit_of(task: Task, robot: Robot) -> dict[str, str]:
 
 
 def options_of(file: ExperimentFile) -> Options:
-    """Solver, loss, tolerances and known noise, in mm and rad."""
+    """Solver, loss, tolerances, known noise in mm and rad, and whether the sizes hold as stated."""
     i, noise = file.identification, file.measurement.noise
     sigma: dict[str, float] = {}
     if noise.position is not None:
@@ -175,7 +175,13 @@ def options_of(file: ExperimentFile) -> Options:
         sigma["orientation"] = noise.orientation * file.units.factor("rad")
     if noise.image is not None:
         sigma["image"] = noise.image
-    return Options(solver=i.solver, tolerances=Tolerances(**i.tolerances.model_dump()), loss=i.loss, sigma=sigma)
+    return Options(
+        solver=i.solver,
+        tolerances=Tolerances(**i.tolerances.model_dump()),
+        loss=i.loss,
+        sigma=sigma,
+        scales=i.scale_factor,
+    )
 
 
 def split_of(config: SplitConfig) -> Split:

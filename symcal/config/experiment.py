@@ -178,7 +178,9 @@ class TolerancesConfig(Strict):
 class IdentificationConfig(Strict):
     """How to identify.
 
-    Scales: plausible size of an error; priors: standard deviation of a prior; both by parameter name.
+    scales: plausible size of a link parameter's error by name; priors: standard deviation of a prior, by name, instead of
+    it. scale_factor: whether the data may make all plausible sizes larger by one factor, or they hold as stated;
+    `scales: stated` says the latter in short.
     """
 
     solver: Literal["levenberg_marquardt", "gauss_newton", "ipopt"] = "levenberg_marquardt"
@@ -186,7 +188,15 @@ class IdentificationConfig(Strict):
     tolerances: TolerancesConfig = TolerancesConfig()
     fix: list[str] = []
     scales: dict[str, Positive] = {}
+    scale_factor: Literal["estimated", "stated"] = "estimated"
     priors: dict[str, Positive] = {}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _in_short(cls, data: Any) -> Any:
+        if isinstance(data, dict) and isinstance(data.get("scales"), str) and "scale_factor" not in data:
+            return {**data, "scales": {}, "scale_factor": data["scales"]}
+        return data
 
 
 def _not_one(folds: int) -> int:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.identification import uncertainty
 from symcal.identification.estimation import Fit
 from symcal.identification.evaluate import Errors, without_rigid_motion
 from symcal.identification.model import Model, State
@@ -45,9 +44,7 @@ def expected_centre_rms(model: Model, result: Fit, q: Array) -> Array:
     index = model.parameters.indices(result.free)
     centre = points.reshape(len(q), -1, 3).mean(axis=1)
     jacobian = slopes.reshape(len(q), -1, 3, slopes.shape[-1]).mean(axis=1)[:, :, index]
-    return uncertainty.predicted_rms(
-        without_rigid_motion(centre, jacobian), uncertainty.covariance(result.identifiability)
-    )
+    return result.posterior.predicted_rms(without_rigid_motion(centre, jacobian))
 
 
 def _points(model: Model, q: Array, x: Array, setup: Array) -> tuple[Array, Array]:

@@ -75,15 +75,9 @@ def quality(model: Model, data: Dataset, after: Fit) -> tuple[str, ...]:
             f"({len(data)} poses): the errors on the training data say little about other poses; trust the held-out or "
             "cross-validated ones"
         )
-    if not after.solution.status.converged:
-        notes.append(f"the identification did not converge: {after.solution.message}")
+    if not after.converged:
+        notes.append(f"the identification did not converge: {after.trouble}")
     notes += _outliers(model, data, after)
-    if after.identifiability.released:
-        notes.append(
-            f"{after.identifiability.released} direction(s) that the data determine worse than their plausible scale "
-            "were identified all the same, because the data contradict the nominal value there: state larger 'scales', "
-            "or look for the pose that causes it"
-        )
     errors = model.parameters.mapping(after.x)
     large = [
         name

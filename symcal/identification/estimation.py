@@ -1,54 +1,60 @@
-"""The statistical fit: whitened rows, identifiable subspace, minimum-norm gauge, noise from the data.
+"""The statistical fit: the posterior mean, with noise and the size of the errors from the data where nobody states them.
 
-For given noise sigmas the estimate is
+    x = x_ref + S y,        min_y |Sigma^-1/2 r(x)|^2 + |y / s|^2
 
-    x = x_ref + S V_1 y,        min_y |Sigma^-1/2 r(x)|^2
-
-with W = Sigma^-1/2 J S = U diag(s) V^T and V_1 the directions with s > 1: what the data cannot see stays at x_ref.
-Subspace, estimate and unknown sigmas (see `symcal.identification.noise`) are found in turn until none of them moves.
+S holds the plausible size of each link parameter's error, s one common factor on them; frames, points and camera are
+nearly free; parameters with a stated prior have that one instead. This is the maximum a posteriori of an empirical Bayes
+model ([Morris1983]): the unknown noise of each group in Sigma, and s, are those of largest marginal likelihood of the
+model linearised at the estimate (`symcal.identification.variance_components`). Estimate and variances are found in turn,
+each from a minimisation with exact derivatives; changes of the variances that swing to and fro are halved, and a fit
+whose variances have not settled says so. With a robust loss the noise comes from the median of the residuals instead.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
-from symcal.identification.identifiability import RELEASE_LIMIT, Identifiability, analyse, decompose
-from symcal.identification.noise import (
-    Loss,
-    block_sigmas,
-    known_sigma,
-    robust_weights,
-    spread_of,
-    variance_components,
-)
+from symcal.identification.identifiability import Identifiability, analyse, numerical_rank
+from symcal.identification.noise import Loss, known_sigma, unknown_noise
+from symcal.identification.posterior import Posterior, posterior_of
 from symcal.identification.rows import Rows
+from symcal.identification.variances import VarianceModel, Variances
+from symcal.identification.whitened import whitened
 from symcal.least_squares import Problem, Solution, Tolerances
 from symcal.measurements import Setup
 from symcal.solvers import SOLVERS, SolverName
 
 Array = NDArray[np.float64]
 
+Scales = Literal["estimated", "stated"]
+
 _ROUNDS = 60
-_SPARE = 10  # equations beyond the unknowns that noise is first estimated from
-_ROUGH = 1e-10  # relative change of the cost that ends a minimisation whose noise is not yet known
+_SETTLED = 1e-6  # change of a log variance that ends the rounds
+_GOOD = 1e-3  # change that a fit may still have when the rounds are used up: a two-thousandth of a sigma
+_LOOSE = 1e-2  # of the last change of the log variances: as exactly are they sought in a round
+_ROUGH = 1e-6  # relative change of the cost that ends a minimisation while the variances are not yet known
+_NO_WORSE = 1e-9  # relative difference of the objective that is rounding
 
 
 @dataclass(frozen=True, slots=True)
 class Options:
     """How to fit.
 
-    sigma: known noise per group (mm, rad), estimated where absent. Prior rows come from the parameters' prior sigmas.
+    sigma: known noise per group (mm, rad, px), estimated where absent. scales: whether a common factor on the plausible
+        sizes of the link parameters is estimated, or they hold as stated.
     """
 
     solver: SolverName = "levenberg_marquardt"
     tolerances: Tolerances = field(default_factory=Tolerances)
     loss: Loss = "linear"
     sigma: Mapping[str, float] = field(default_factory=dict)
+    scales: Scales = "estimated"
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,10 +62,15 @@ class Fit:
     """An estimate with everything that must accompany it.
 
     x: errors of all parameters, shape (n,). free: names of the estimated ones. setup: the frames that x refers to.
-    sigmas: noise per group; estimated: the groups whose sigma came from the data. dof: equations minus rank.
+    sigmas: noise per group; estimated: the groups whose sigma came from the data.
+    factor: s, the common factor on the plausible sizes; factor_estimated: whether it came from the data.
+    posterior: of the free parameters. identifiability: at the estimate, for the sizes as stated.
+    dof: equations less the effective number of parameters learnt from them (the trace of the projection).
+    chi_squared: sum of squared whitened residuals; about ``dof`` when the noise is right.
     weights: robust weight of every residual component, shape (N, m), 1 without robust loss, 0 where nothing was
         measured.
     path: x at the start and after every accepted step, shape (k + 1, n).
+    trouble: why the result should not be used, in a sentence; empty when everything converged.
     """
 
     x: Array
@@ -67,21 +78,30 @@ class Fit:
     setup: Setup
     sigmas: dict[str, float]
     estimated: tuple[str, ...]
+    factor: float
+    factor_estimated: bool
     equations: int
-    dof: int
+    dof: float
+    chi_squared: float
     identifiability: Identifiability
+    posterior: Posterior
     solution: Solution
     weights: Array
     path: Array
+    trouble: str = ""
 
     @property
     def iterations(self) -> int:
         return len(self.path) - 1
 
     @property
-    def chi_squared(self) -> float:
-        """Sum of squared whitened residuals; about ``dof`` when the known noise is right."""
-        return 2 * self.solution.cost
+    def converged(self) -> bool:
+        return not self.trouble
+
+    @property
+    def message(self) -> str:
+        """How the fit ended, in a sentence."""
+        return self.trouble or self.solution.message
 
 
 def fit(
@@ -91,204 +111,161 @@ def fit(
     reference: Array | None = None,
     *,
     prior_mean: Array | None = None,
-    threshold: float = 1.0,
+    nested: Sequence[Array] = (),
 ) -> Fit:
-    """Estimate the free parameters; the others, and what the data cannot see, stay at ``reference`` (zero if None).
+    """Estimate the free parameters; the others stay at ``reference`` (zero if None), to which the free ones are drawn.
 
     Args:
-        prior_mean: the errors at which priors are centred, shape (n,); zero if None.
-        threshold: smallest singular value of an identifiable direction.
+        prior_mean: the errors at which stated priors are centred, shape (n,); zero if None.
+        nested: estimates of models that are contained in this one, shape (n,) each: in the minimised objective none of
+            them may be better than the result; where one is, the fit starts again from there.
     Raises:
         RefusedError: fewer equations than unknowns that the data could see, or a model that gives no finite number.
     """
     rows = rows.decorrelated()
     nothing = np.zeros(len(rows.measurement.parameters))
     reference = nothing if reference is None else reference
-    prior_mean = nothing if prior_mean is None else prior_mean
+    system = whitened(rows, free, reference, nothing if prior_mean is None else prior_mean)
     known = known_sigma(rows, options.sigma)
-    estimated = tuple(
-        group.name
-        for group in rows.measurement.groups
-        if np.isnan(known[:, list(group.columns)])[rows.seen[:, list(group.columns)]].any()
-    )
-    x = reference
-    residual, jacobian = rows(x)
+    missing = np.isnan(known) & rows.seen
+    estimated = unknown_noise(rows, options.sigma)
+    residual, _ = rows(reference)
     if not np.isfinite(residual).all():
         raise RefusedError("the model gives no finite number at the first guess: check joint readings and units")
-    sigmas = dict(options.sigma) | block_sigmas(rows, residual, known, estimated, 0)
-    weights = rows.seen.astype(float)
-    _check_redundancy(rows, jacobian, free, bool(estimated))
-    path = [x]
-    ranks: list[int] = []
-    cost = np.inf
-    settled = not estimated and options.loss == "linear"  # is the noise?
-    # Large errors of the nominal robot look like noise, and noise hides the directions that would explain them. So
-    # directions first count up to absurd errors, as far as enough equations are left over to tell the noise.
-    bar = threshold / RELEASE_LIMIT if estimated else threshold
-    most = max(int(rows.seen.sum()) + _prior_count(rows, free) - _SPARE, 0) if estimated else None
-    for _ in range(_ROUNDS):
-        spread = spread_of(rows, known, sigmas, weights)
-        system = _whitened(rows, free, reference, prior_mean, spread)
-        seen = system.subspace(x, most, bar)
-        solution, steps = _minimise(system, seen, x, options, rough=not settled)
-        path += steps
-        previous, x = x, system.at(system.scales[:, None] * seen.seen, solution.x)
-        ranks.append(seen.rank - seen.released)
-        if len(ranks) > 2 and ranks[-1] == ranks[-3] != ranks[-2]:
-            most = min(ranks[-2:])  # a direction on the threshold comes and goes with the noise estimate: leave it out
-        same_rank = len(ranks) > 1 and ranks[-1] == ranks[-2]
-        if settled and same_rank:
-            moved = float(np.linalg.norm((x - previous)[system.index] / system.scales))
-            if moved < 1e-6 or abs(cost - solution.cost) <= 1e-9 * (1e-12 + solution.cost):
-                break
-        if not settled or (estimated and not same_rank):
-            residual, jacobian = rows(x)
-            last, before = sigmas, weights
-            if options.loss != "linear":
-                weights = robust_weights(rows, residual, known, sigmas, options.loss)
-                sigmas = sigmas | block_sigmas(rows, residual, known, estimated, seen.rank)
-            elif estimated:
-                sigmas = sigmas | variance_components(rows, residual, jacobian, known, spread, seen, estimated)
-            change = max([abs(np.log(sigmas[g] / last[g])) for g in estimated], default=0.0)
-            settled = change < 1e-4 and float(np.abs(weights - before).max()) < 1e-3
-            if bar < threshold and change < 1e-2:
-                ranks, most, bar, settled = [], None, threshold, False
-        cost = solution.cost
-    return Fit(
-        x=x,
-        free=free,
-        setup=rows.setup,
-        sigmas=sigmas,
-        estimated=estimated,
-        equations=int(rows.seen.sum()),
-        dof=int(rows.seen.sum()) + _prior_count(rows, free) - seen.rank,
-        identifiability=seen,
-        solution=solution,
-        weights=weights,
-        path=np.array(path),
+    check_redundancy(rows, free, bool(estimated))
+    sized = options.scales == "estimated" and bool(system.sized.any())
+    return _Search(VarianceModel(system, known, missing, estimated, sized, options.loss), options).best(
+        reference, nested
     )
-
-
-def moved(found: Fit, rows: Rows, options: Options, start: Array, prior_mean: Array) -> Fit:
-    """The same fit at another point of its gauge; noise, weights and rank are kept.
-
-    Args:
-        start: shape (n,): the estimate moved along directions that the data do not see.
-    """
-    rows = rows.decorrelated()
-    known = known_sigma(rows, options.sigma)
-    spread = spread_of(rows, known, found.sigmas, found.weights)
-    system = _whitened(rows, found.free, start, prior_mean, spread)
-    rank = found.identifiability.rank
-    seen = system.subspace(start, rank, 0.0)
-    solution, steps = _minimise(system, seen, start, options, rough=False)
-    x = system.at(system.scales[:, None] * seen.seen, solution.x)
-    seen = replace(replace(system, reference=x).subspace(x, rank, 0.0), released=found.identifiability.released)
-    path = np.array([*found.path, start, *steps])
-    return replace(found, x=x, identifiability=seen, solution=solution, path=path)
-
-
-def _minimise(
-    system: _Whitened, seen: Identifiability, start: Array, options: Options, *, rough: bool
-) -> tuple[Solution, list[Array]]:
-    """Minimise over the identifiable subspace at ``start``; also the errors after every step.
-
-    rough: to a hundred-thousandth of a sigma, while the noise is still being estimated.
-    """
-    basis = system.scales[:, None] * seen.seen
-    first = seen.seen.T @ ((start - system.reference)[system.index] / system.scales)
-    tolerances = options.tolerances
-    if rough:
-        tolerances = replace(tolerances, cost=max(tolerances.cost, _ROUGH))
-    solution = SOLVERS[options.solver](system.problem(basis, first), tolerances)
-    return solution, [system.at(basis, it.x) for it in solution.history[1:]]
 
 
 @dataclass(frozen=True, slots=True)
-class _Whitened:
-    """The whitened system of the free parameters for given noise: residual rows, then prior rows."""
+class _Search:
+    """A fit under way: what does not change while estimate and variances are found in turn."""
 
-    rows: Rows
-    free: tuple[str, ...]
-    reference: Array
-    index: NDArray[np.intp]
-    scales: Array
-    keep: NDArray[np.intp]
-    inverse: Array
-    prior: Array
-    prior_mean: Array
+    model: VarianceModel
+    options: Options
 
-    def __call__(self, x: Array) -> tuple[Array, Array]:
-        """Residual (k,) and Jacobian (k, n) at x."""
-        r, jacobian = self.rows(x)
-        white = r.ravel()[self.keep] * self.inverse
-        slopes = jacobian.reshape(r.size, len(x))[np.ix_(self.keep, self.index)] * self.inverse[:, None]
-        if len(self.prior):
-            white = np.concatenate([white, self.prior @ (x - self.prior_mean)[self.index]])
-            slopes = np.vstack([slopes, self.prior])
-        return white, slopes
+    def best(self, start: Array, nested: Sequence[Array]) -> Fit:
+        """The fit from ``start``, or from a nested estimate that the objective prefers to where that one ended."""
+        path = [start]
+        x, variances, settled = self._rounds(start, None, path)
+        for _ in nested:
+            better = self._better(nested, x, variances)
+            if better is None:
+                break
+            path.append(better)
+            x, variances, settled = self._rounds(better, variances, path)
+        trouble = "" if settled else "stopped: noise and sizes of the errors did not settle"
+        solution, x = self._minimise(x, variances, path, rough=False)
+        if not solution.status.converged:
+            trouble = solution.message
+        elif self._better(nested, x, variances) is not None:
+            trouble = "failed: a model with fewer parameters explains the data better"
+        return self._finished(x, variances, solution, path, trouble)
 
-    def at(self, basis: Array, y: Array) -> Array:
-        """x_ref + basis y."""
-        x = self.reference.copy()
-        x[self.index] += basis @ y
-        return x
+    def _better(self, nested: Sequence[Array], x: Array, variances: Variances) -> Array | None:
+        """The nested estimate of least objective, if that is less than the objective at x."""
+        objective = [self._objective(other, variances) for other in nested]
+        if not objective or min(objective) >= self._objective(x, variances) * (1 - _NO_WORSE):
+            return None
+        return nested[int(np.argmin(objective))]
 
-    def subspace(self, x: Array, most: int | None, threshold: float) -> Identifiability:
-        r, jacobian = self(x)
-        every = np.zeros((len(r), len(x)))
-        every[:, self.index] = jacobian
-        implied = jacobian @ (x - self.reference)[self.index] - r
-        return analyse(
-            every,
-            self.rows.measurement.parameters,
-            self.free,
-            threshold=threshold,
-            implied=implied,
-            poses=len(self.rows.data),
-            most=most,
-        )
+    def _rounds(self, x: Array, last: Variances | None, path: list[Array]) -> tuple[Array, Variances, bool]:
+        """Variances and estimate in turn until the variances settle; whether they did."""
+        model = self.model
+        if last is None:
+            last = model.first(x, dict(self.options.sigma), _LOOSE)
+            if model.settled:
+                return x, last, True
+            _, x = self._minimise(x, last, path, rough=True)
+        share, before, change = 1.0, np.zeros(0), 1.0
+        for _ in range(_ROUNDS):
+            wanted = model.next(x, last, _LOOSE * change)
+            step = model.difference(wanted, last)
+            shift = float(np.abs(wanted.weights - last.weights).max(initial=0.0))
+            change = min(max(float(np.abs(step).max(initial=0.0)), shift), 1.0)
+            if change < _SETTLED:
+                return x, wanted, True
+            if before.size and float(step @ before) < -0.25 * float(before @ before):
+                share = max(share / 2, 0.1)  # it swings
+            last, before = wanted if share == 1 else last.towards(wanted, share), step
+            _, x = self._minimise(x, last, path, rough=change > _GOOD)
+        return x, last, change < _GOOD
 
-    def problem(self, basis: Array, start: Array) -> Problem:
+    def _minimise(
+        self, start: Array, variances: Variances, path: list[Array], *, rough: bool
+    ) -> tuple[Solution, Array]:
+        """The estimate for given variances; the errors after every step are appended to the path."""
+        system, spread = self.model.system, self.model.spread(variances)
+
         def evaluate(y: Array) -> tuple[Array, Array]:
-            r, jacobian = self(self.at(basis, y))
-            return r, jacobian @ basis
+            stacked = system.rows_at(system.at(y), spread, variances.factor)
+            return stacked[:, -1], stacked[:, :-1]
 
-        return Problem(evaluate, start, np.ones(basis.shape[1]))
+        tolerances = self.options.tolerances
+        if rough:
+            tolerances = replace(tolerances, cost=max(tolerances.cost, _ROUGH))
+        problem = Problem(evaluate, system.scaled(start), np.ones(len(system.free)))
+        solution = SOLVERS[self.options.solver](problem, tolerances)
+        path += [system.at(it.x) for it in solution.history[1:]]
+        return solution, system.at(solution.x)
 
+    def _objective(self, x: Array, variances: Variances) -> float:
+        """|Sigma^-1/2 r|^2 + priors + |y / s|^2 at x."""
+        residual = self.model.system.rows_at(x, self.model.spread(variances), variances.factor)[:, -1]
+        return float(residual @ residual)
 
-def _whitened(rows: Rows, free: tuple[str, ...], reference: Array, prior_mean: Array, spread: Array) -> _Whitened:
-    parameters = rows.measurement.parameters
-    index = parameters.indices(free)
-    keep = np.flatnonzero(np.isfinite(spread).ravel())
-    return _Whitened(
-        rows=rows,
-        free=free,
-        reference=reference,
-        index=index,
-        scales=parameters.scales[index],
-        keep=keep,
-        inverse=1 / spread.ravel()[keep],
-        prior=parameters.prior_rows(free),
-        prior_mean=prior_mean,
-    )
-
-
-def _prior_count(rows: Rows, free: tuple[str, ...]) -> int:
-    return len(rows.measurement.parameters.prior_rows(free))
-
-
-def _check_redundancy(rows: Rows, jacobian: Array, free: tuple[str, ...], estimated: bool) -> None:
-    parameters = rows.measurement.parameters
-    index = parameters.indices(free)
-    stacked = jacobian.reshape(rows.seen.size, len(parameters))[rows.seen.ravel()][:, index] * parameters.scales[index]
-    equations = stacked.shape[0] + _prior_count(rows, free)
-    _, _, _, rank = decompose(stacked, None)
-    if equations <= rank and (estimated or equations < rank or rank == stacked.shape[0] < len(index)):
-        unknowns = len(index) if rank == equations else rank  # so few rows cannot tell how many there are to see
-        wanted = max(len(rows.data) + 1, (unknowns + 1) * len(rows.data) // max(equations, 1) + 1)
-        raise RefusedError(
-            f"{len(rows.data)} poses give {equations} equations for at least {rank} unknowns: nothing would be left "
-            f"to judge the fit by; measure {wanted} poses or more (three times as many are sensible), or hold "
-            "parameters with 'fix'"
+    def _finished(self, x: Array, variances: Variances, solution: Solution, path: list[Array], trouble: str) -> Fit:
+        model, system = self.model, self.model.system
+        rows, parameters = system.rows, system.rows.measurement.parameters
+        found, blocks = model.at(x, variances)
+        data = system.data_rows(x, model.spread(variances))
+        assumed = np.where(system.sized, variances.factor, 1.0) * system.assumed
+        white = np.zeros((len(data) + len(system.prior), len(parameters)))
+        white[: len(data), system.index] = data[:, :-1] / system.scales
+        white[len(data) :, system.index] = system.prior
+        equations = int(rows.seen.sum())
+        return Fit(
+            x=x,
+            free=system.free,
+            setup=rows.setup,
+            sigmas=variances.sigmas,
+            estimated=model.estimated,
+            factor=variances.factor,
+            factor_estimated=model.factor_estimated,
+            equations=equations,
+            dof=equations - model.learnt(x, variances, found),
+            chi_squared=float(data[:, -1] @ data[:, -1]),
+            identifiability=analyse(white, parameters, system.free),
+            posterior=posterior_of(system.free, system.scales, found, blocks, assumed),
+            solution=solution,
+            weights=variances.weights,
+            path=np.array(path),
+            trouble=trouble,
         )
+
+
+def check_redundancy(rows: Rows, free: tuple[str, ...], estimated: bool) -> None:
+    """Refuse fewer equations than unknowns.
+
+    Args:
+        estimated: whether noise must be told from what is left over.
+    Raises:
+        RefusedError: nothing is left over.
+    """
+    parameters = rows.measurement.parameters
+    index = parameters.indices(free)
+    _, jacobian = rows(np.zeros(len(parameters)))
+    stacked = jacobian.reshape(rows.seen.size, -1)[rows.seen.ravel()][:, index] * parameters.scales[index]
+    stated = len(parameters.prior_rows(free))
+    equations, rank, count = stacked.shape[0] + stated, numerical_rank(stacked), len(rows.data)
+    if not free or (equations > rank if estimated else equations >= rank > 0):
+        return
+    unknowns = len(free) if rank == equations else rank  # so few rows cannot tell how many there are to see
+    wanted = max(count + 1, (unknowns + 1) * count // max(equations, 1) + 1)
+    raise RefusedError(
+        f"{count} poses give {equations} equations for at least {rank} unknowns: nothing would be left "
+        f"to judge the fit by; measure {wanted} poses or more (three times as many are sensible), or hold "
+        "parameters with 'fix'"
+    )

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
-from symcal.identification import uncertainty
 from symcal.identification.estimation import Fit, Options
 from symcal.identification.identify import Calibration, baseline_model, calibrate
 from symcal.identification.model import Model, State
@@ -94,7 +93,7 @@ def expected_position_rms(model: Model, result: Fit, q: Array) -> Array:
         (jacobian,) = model.jacobian(q, result.x, result.setup.vector)
         points = jacobian.shape[1] // 3
     rows = jacobian[:, : 3 * points, index]
-    rms = uncertainty.predicted_rms(rows, uncertainty.covariance(result.identifiability))
+    rms = result.posterior.predicted_rms(rows)
     return np.asarray(rms / np.sqrt(points))
 
 

@@ -1,8 +1,8 @@
 """What the data can see: rank of the scaled Jacobian, its whole spectrum, and the unseen directions in words.
 
 The Jacobian is whitened by the noise and scaled by the plausible size of each parameter's error, W = Sigma^-1/2 J S.
-A direction is identifiable when the data determine it better than its plausible scale: singular value above 1. Without
-noise the numerical rank decides.
+A direction is seen when the data determine it better than its plausible scale: singular value above 1. Without noise
+the numerical rank decides. Nothing is cut off by it: it is what a person is told.
 """
 
 from __future__ import annotations
@@ -19,9 +19,6 @@ Array = NDArray[np.float64]
 
 NUMERICAL = 1e-10
 """A singular value below this share of the largest counts as zero: rounding of a Jacobian is about 1e-13 of it."""
-
-RELEASE_SIGMAS = 4.0
-RELEASE_LIMIT = 20.0
 
 _NEGLIGIBLE = 0.03  # share of a direction below which a parameter is not named in words
 _DISTINCT = 0.2  # share of a direction outside of all others that makes it a different one
@@ -46,7 +43,6 @@ class Identifiability:
     names: the free parameters, n of them. singular_values: shape (n,), descending.
     rank: directions determined at the noise; numerical_rank: directions that the noise-free Jacobian sees.
     seen (n, rank) and hidden (n, n - rank): orthonormal bases; seen_values: singular values of the seen ones, (rank,).
-    released: how many of them are seen only because the data contradict nominal there.
     """
 
     names: tuple[str, ...]
@@ -59,7 +55,6 @@ class Identifiability:
     seen_values: Array
     hidden: Array
     hidden_values: Array
-    released: int = 0
 
     @property
     def condition_number(self) -> float:
@@ -82,21 +77,23 @@ def decompose(scaled: Array, threshold: float | None = 1.0) -> tuple[Array, Arra
     _, s, vt = np.linalg.svd(triangular, full_matrices=True)
     values = np.zeros(n)
     values[: s.size] = s
-    numerical = int(np.sum(values > NUMERICAL * (values[0] if n else 0.0)))
+    numerical = _count(values)
     rank = numerical if threshold is None else min(numerical, int(np.sum(values > threshold)))
     return values, vt.T, rank, numerical
 
 
+def numerical_rank(scaled: Array) -> int:
+    """Directions that rows of shape (m, n) see at all, whatever the noise."""
+    triangular = np.linalg.qr(scaled, mode="r") if scaled.shape[0] > scaled.shape[1] else scaled
+    return _count(np.linalg.svd(triangular, compute_uv=False))
+
+
+def _count(values: Array) -> int:
+    return int(np.sum(values > NUMERICAL * values[0])) if values.size else 0
+
+
 def analyse(
-    jacobian: Array,
-    parameters: ParameterSet,
-    free: tuple[str, ...] | None = None,
-    *,
-    noise_known: bool = True,
-    threshold: float = 1.0,
-    implied: Array | None = None,
-    poses: int = 0,
-    most: int | None = None,
+    jacobian: Array, parameters: ParameterSet, free: tuple[str, ...] | None = None, *, noise_known: bool = True
 ) -> Identifiability:
     """Identifiability of the free parameters from stacked whitened rows.
 
@@ -104,51 +101,23 @@ def analyse(
         jacobian: Sigma^-1/2 J by all parameters, shape (m, n); rows of priors included if there are any. free:
             names; all when None.
         noise_known: False when the rows are not whitened: the numerical rank decides.
-        threshold: smallest singular value of an identifiable direction.
-        implied: W y - r, shape (m,), for the release of directions whose nominal value the data refute (see
-            `released_directions`).
-        poses: number of poses behind the rows; only more poses than visible directions can refute anything.
-        most: take no more directions than this by the threshold.
     """
     names = parameters.names if free is None else free
     index = parameters.indices(names)
     scales, units = parameters.scales[index], parameters.units
-    scaled = jacobian[:, index] * scales
-    values, v, rank, numerical = decompose(scaled, threshold if noise_known else None)
-    rank = rank if most is None else min(rank, most)
-    released = released_directions(scaled, values, v, (rank, numerical), implied if poses > numerical else None)
-    keep = np.concatenate([np.arange(rank), released])
+    values, v, rank, numerical = decompose(jacobian[:, index] * scales, 1.0 if noise_known else None)
     return Identifiability(
         names=names,
         units=tuple(units[i] for i in index),
         scales=scales,
         singular_values=values,
-        rank=len(keep),
+        rank=rank,
         numerical_rank=numerical,
-        seen=v[:, keep],
-        seen_values=values[keep],
-        hidden=np.delete(v, keep, axis=1),
-        hidden_values=np.delete(values, keep),
-        released=len(released),
+        seen=v[:, :rank],
+        seen_values=values[:rank],
+        hidden=v[:, rank:],
+        hidden_values=values[rank:],
     )
-
-
-def released_directions(
-    scaled: Array, values: Array, v: Array, ranks: tuple[int, int], implied: Array | None
-) -> NDArray[np.intp]:
-    """Directions below the threshold whose nominal value the data refute.
-
-    Along singular direction k the data imply y_k = u_k^T (W y - r) / s_k with standard deviation 1 / s_k. Where that is
-    more than RELEASE_SIGMAS from nominal, the plausible scale was stated too small and holding the direction would bias
-    all others; it is released unless the value itself is absurd (above RELEASE_LIMIT scales: then it is the model that
-    is wrong). Ours.
-    """
-    if implied is None:
-        return np.zeros(0, dtype=np.intp)
-    below = np.arange(*ranks)
-    score = (scaled @ v[:, below]).T @ implied / values[below]
-    wanted = (np.abs(score) > RELEASE_SIGMAS) & (np.abs(score) < RELEASE_LIMIT * values[below])
-    return below[wanted]
 
 
 def _directions(hidden: Array, names: tuple[str, ...], scales: Array, units: tuple[str, ...]) -> tuple[Direction, ...]:

@@ -11,13 +11,13 @@ from threadpoolctl import ThreadpoolController
 
 from symcal.data.dataset import Dataset
 from symcal.errors import InputError, RefusedError
-from symcal.identification import uncertainty
 from symcal.identification.cautions import plausibility, quality
-from symcal.identification.estimation import Fit, Options, fit, moved
+from symcal.identification.estimation import Fit, Options, check_redundancy, fit
 from symcal.identification.model import Model, Part, State, Task, build_model
+from symcal.identification.noise import unknown_noise
 from symcal.identification.placement import place as place
 from symcal.identification.placement import stated
-from symcal.identification.rows import Rows, rows_of
+from symcal.identification.rows import rows_of
 from symcal.identification.scene_record import scene_record
 from symcal.measurements import Setup
 from symcal.robot import Record, Robot
@@ -25,20 +25,16 @@ from symcal.robot import Record, Robot
 Array = NDArray[np.float64]
 
 _BLAS = ThreadpoolController()
-_FRAME_WEIGHT = 1e-3  # of a frame's share beside a link's: what both could take goes to the frame
-_EXACT = 1e-2  # singular value: moving by a plausible error changes the residuals by less than a hundredth of a sigma
-_SHARED = 0.05  # of an unseen direction: less than this of it in the frames is none
 
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
     """An identification: fits of the same training data from poor to rich, and the robot that the last one makes.
 
-    setup: the estimated frames fitted with nominal kinematics; the fits refer to it, so that unseen directions stay
-        there.
+    setup: the estimated frames fitted with nominal kinematics; the fits refer to it.
     before: nominal kinematics with base and tool fitted, whether or not the task estimates them: the fair baseline.
     before_raw: nominal kinematics with the frames as given, where all are given.
-    offsets: joint zeros and frames. after: everything identifiable.
+    offsets: joint zeros and frames. after: all parameters that are not held.
     """
 
     model: Model
@@ -89,41 +85,21 @@ def _calibrate(model: Model, baseline: Model | None, data: Dataset, options: Opt
     train = data.part("train")
     if len(train) == 0:
         raise RefusedError("no pose is marked for training")
+    if model.task.scene is None:  # with a camera that nobody has placed yet the rows say nothing
+        start = rows_of(model.measurement, train, model.setup, model.residual)
+        check_redundancy(start, (*model.kinematic, *model.placement), bool(unknown_noise(start, options.sigma)))
     setup = place(model, train, options)
     rows = rows_of(model.measurement, train, setup, model.residual)
     at = stated(model, setup)
     offsets = fit(rows, (*model.offsets, *model.placement), options, prior_mean=at)
-    after = _frames_take_what_is_shared(
-        model, rows, fit(rows, (*model.kinematic, *model.placement), options, prior_mean=at), options, at
-    )
-    before = State(model, setup, np.zeros(len(model.parameters)))
+    nominal = np.zeros(len(model.parameters))
+    after = fit(rows, (*model.kinematic, *model.placement), options, prior_mean=at, nested=(nominal, offsets.x))
+    before = State(model, setup, nominal)
     raw = None if model.placement else before
     if baseline is not None:
         before = State(baseline, place(baseline, train, options), np.zeros(len(baseline.parameters)))
     notes = (*plausibility(train, before), *quality(model, train, after))
     return Calibration(model, setup, before, raw, offsets, after, calibrated_robot(model, after), notes)
-
-
-def _frames_take_what_is_shared(model: Model, rows: Rows, first: Fit, options: Options, at: Array) -> Fit:
-    """The same fit with the unseen directions moved into base, tool, points and camera.
-
-    Minimum norm divides what a frame and a link share; but where somebody put the instrument must not end up in link
-    parameters, from where it would go into commands.
-    """
-    seen = first.identifiability
-    index = model.parameters.indices(seen.names)
-    frames = np.array([name in model.placement for name in seen.names], dtype=bool)
-    if not frames.any() or not seen.hidden.shape[1]:
-        return first
-    # directions along which nothing measurable changes and a frame really moves; other unseen ones stay as they are
-    free = seen.hidden[:, seen.hidden_values < _EXACT]
-    _, share, vt = np.linalg.svd(free[frames], full_matrices=False)
-    hidden = seen.scales[:, None] * (free @ vt[share > _SHARED].T)
-    weight = np.where(frames, _FRAME_WEIGHT, 1.0) / seen.scales
-    shift = np.linalg.lstsq(weight[:, None] * hidden, -weight * first.x[index], rcond=None)[0]
-    start = first.x.copy()
-    start[index] += hidden @ shift
-    return moved(first, rows, options, start, at)
 
 
 def _kind(kind: str, points: tuple[str, ...]) -> str:
@@ -151,11 +127,11 @@ def calibrated_robot(model: Model, result: Fit) -> Robot:
     kinematic = {name: errors[name] for name in model.robot.parameters}
     setup = result.setup.moved(errors, model.measurement.point_names)
     free = result.free
-    sigma = dict.fromkeys(model.parameters.names)
-    sigma |= dict(zip(free, uncertainty.sigmas(result.identifiability), strict=True))
+    sigma: dict[str, float | None] = dict.fromkeys(model.parameters.names)
+    sigma |= dict(zip(free, result.posterior.sigmas.tolist(), strict=True))
     full = np.zeros((len(model.parameters), len(model.parameters)))
     index = model.parameters.indices(free)
-    full[np.ix_(index, index)] = uncertainty.covariance(result.identifiability)
+    full[np.ix_(index, index)] = result.posterior.covariance
     provenance: dict[str, Any] = {
         "measurement": {
             "type": model.task.kind,
@@ -166,6 +142,9 @@ def calibrated_robot(model: Model, result: Fit) -> Robot:
         "noise_sigma": {f"{g.name}_{g.unit}": result.sigmas.get(g.name) for g in model.measurement.groups},
         "rank": result.identifiability.rank,
         "dof": result.dof,
+        "size_factor": result.factor,
+        "learnt": dict(zip(free, result.posterior.learnt.tolist(), strict=True)),
+        "trouble": result.trouble,
     }
     record = Record(
         errors=errors,

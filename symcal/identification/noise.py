@@ -1,7 +1,6 @@
-"""Noise of the data: known sigmas, variance components estimated from the residuals, robust weights.
+"""Noise of the data: known sigmas, robust sigmas from the median of the residuals, robust weights.
 
-Unknown sigmas are variance components, one per group: sigma_g^2 = |r_g|^2 / (m_g - tr H_gg), iterated to a fixed point
-([Koch1999] sec. 3.6). With a robust loss they come from the median of the block norms instead.
+Unknown sigmas without a robust loss are variance components (`symcal.identification.variance_components`).
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from symcal.identification.identifiability import Identifiability
 from symcal.identification.rows import Rows
 from symcal.measurements import Group
 
@@ -38,6 +36,12 @@ def known_sigma(rows: Rows, stated: Mapping[str, float]) -> Array:
     return known
 
 
+def unknown_noise(rows: Rows, stated: Mapping[str, float]) -> tuple[str, ...]:
+    """The groups of which some measured component has no known sigma."""
+    missing = np.isnan(known_sigma(rows, stated)) & rows.seen
+    return tuple(g.name for g in rows.measurement.groups if missing[:, list(g.columns)].any())
+
+
 def spread_of(rows: Rows, known: Array, sigmas: Mapping[str, float], weights: Array) -> Array:
     """Standard deviation used for whitening, shape (N, m).
 
@@ -49,46 +53,28 @@ def spread_of(rows: Rows, known: Array, sigmas: Mapping[str, float], weights: Ar
         return np.where(rows.seen & (weights > 0), sigma / np.sqrt(weights), np.inf)
 
 
-def variance_components(
-    rows: Rows,
-    residual: Array,
-    jacobian: Array,
-    known: Array,
-    spread: Array,
-    seen: Identifiability,
-    estimated: tuple[str, ...],
-) -> dict[str, float]:
-    """One step of the fixed point; components whose sigma is known count in the fit but not here."""
-    index = rows.measurement.parameters.indices(seen.names)
-    white = jacobian[:, :, index] * seen.scales / spread[:, :, None]
-    u = white @ (seen.seen / seen.seen_values)
-    leverage = np.sum(u**2, axis=2)
-    out: dict[str, float] = {}
-    for group in rows.measurement.groups:
-        if group.name in estimated:
-            columns = list(group.columns)
-            mask = rows.seen[:, columns] & np.isnan(known[:, columns])
-            redundancy = max(float(np.sum((1 - leverage[:, columns])[mask])), 1e-3)
-            variance = float(np.sum(residual[:, columns][mask] ** 2)) / redundancy
-            out[group.name] = max(float(np.sqrt(variance)), SIGMA_FLOOR[group.name])
-    return out
-
-
 def _blocks(group: Group, values: NDArray[Any]) -> NDArray[Any]:
     """The components of a group by observation, shape (N, k, block)."""
     return values[:, list(group.columns)].reshape(len(values), -1, group.block)
 
 
-def block_sigmas(rows: Rows, residual: Array, known: Array, estimated: tuple[str, ...], rank: int) -> dict[str, float]:
-    """Robust sigma per group: the median, over observations, of norm / sqrt(median of chi-squared)."""
+def block_sigmas(
+    rows: Rows, residual: Array, missing: NDArray[np.bool_], estimated: tuple[str, ...], learnt: float
+) -> dict[str, float]:
+    """Robust sigma per group: the median, over observations, of norm / sqrt(median of chi-squared).
+
+    Args:
+        missing: components whose noise is not known, shape (N, m). learnt: effective number of parameters that the
+            equations have determined, which makes residuals smaller than the noise.
+    """
     out: dict[str, float] = {}
     equations = int(rows.seen.sum())
     for group in rows.measurement.groups:
         if group.name in estimated:
-            unknown = _blocks(group, rows.seen & np.isnan(known))
+            unknown = _blocks(group, missing)
             size = unknown.sum(axis=2)
             norms = np.linalg.norm(np.where(unknown, _blocks(group, residual), 0.0), axis=2)[size > 0]
-            expected = np.sqrt(stats.chi2.median(size[size > 0]) * max(equations - rank, 1) / equations)
+            expected = np.sqrt(stats.chi2.median(size[size > 0]) * max(equations - learnt, 1) / equations)
             out[group.name] = max(float(np.median(norms / expected)), SIGMA_FLOOR[group.name])
     return out
 

@@ -21,9 +21,6 @@ from symcal.spatial import inverse, pose_matrix
 
 Array = NDArray[np.float64]
 
-_THRESHOLD = 1e-2
-"""Frames are unknown until they are measured: the plausible size of an error of a known one says nothing here."""
-
 
 def place(model: Model, data: Dataset, options: Options) -> Setup:
     """The model's frames and points as nominal kinematics and the data have them; always by Levenberg-Marquardt.
@@ -33,7 +30,7 @@ def place(model: Model, data: Dataset, options: Options) -> Setup:
     if not model.placement:
         return model.setup
     if model.task.scene is not None:
-        return place_scene(model, model.task.scene, data, options, threshold=_THRESHOLD)
+        return place_scene(model, model.task.scene, data, options)
     options = replace(options, solver="levenberg_marquardt")
     guesses = _guesses(model, data)
     if len(guesses) > 1:
@@ -86,7 +83,7 @@ def _fit(model: Model, data: Dataset, guess: Registration, options: Options) -> 
     points = guess.points if model.task.kind == "position" else model.setup.points
     setup = Setup(guess.base, guess.tool, points)
     rows = rows_of(model.measurement, data, setup, model.residual)
-    return fit(rows, model.placement, options, prior_mean=stated(model, setup), threshold=_THRESHOLD)
+    return fit(rows, model.placement, options, prior_mean=stated(model, setup))
 
 
 def _total(model: Model, data: Dataset, candidate: Fit) -> float:

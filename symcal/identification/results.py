@@ -75,7 +75,6 @@ def identifiability_facts(seen: Identifiability) -> dict[str, Any]:
         "parameters": len(seen.names),
         "rank": seen.rank,
         "numerical_rank": seen.numerical_rank,
-        "released": seen.released,
         "condition_number": seen.condition_number if seen.rank else None,
         "singular_values": seen.singular_values.tolist(),
         "scales": dict(zip(seen.names, seen.scales.tolist(), strict=True)),
@@ -83,19 +82,31 @@ def identifiability_facts(seen: Identifiability) -> dict[str, Any]:
     }
 
 
-def identification_facts(fit: Fit, parameters: ParameterSet, sigmas: Mapping[str, float | None]) -> dict[str, Any]:
-    """The solver's words, the noise with its degrees of freedom, and every parameter in mm and rad."""
+def identification_facts(fit: Fit, parameters: ParameterSet) -> dict[str, Any]:
+    """The solver's words, noise and sizes with the degrees of freedom, and every parameter in mm and rad.
+
+    Of a parameter: sigma, the posterior standard deviation; half_width_95, half of its 95 % interval by Student's t;
+    learnt, the share that came from the data (0 to 1); None for parameters that were held.
+    """
+    known = fit.posterior
+    columns = (known.sigmas, known.half_widths(), known.learnt)
+    found = {name: values for name, *values in zip(fit.free, *(c.tolist() for c in columns), strict=True)}
+    held: list[float | None] = [None, None, None]
     position, orientation, image = (fit.sigmas.get(group) for group in ("position", "orientation", "image"))
     return {
         "solver": fit.solution.solver,
+        "converged": fit.converged,
         "status": fit.solution.status.name.lower(),
-        "message": fit.solution.message,
+        "message": fit.message,
         "iterations": fit.iterations,
         "noise_sigma_mm": None if position is None else float(position),
         "noise_sigma_deg": None if orientation is None else float(np.rad2deg(orientation)),
         "noise_sigma_px": None if image is None else float(image),
         "noise_estimated": list(fit.estimated),
+        "scale_factor": fit.factor,
+        "scale_factor_estimated": fit.factor_estimated,
         "equations": fit.equations,
+        "effective_parameters": fit.equations - fit.dof,
         "dof": fit.dof,
         "chi_squared": fit.chi_squared,
         "parameters": {
@@ -103,7 +114,7 @@ def identification_facts(fit: Fit, parameters: ParameterSet, sigmas: Mapping[str
                 "nominal": p.nominal,
                 "error": float(fit.x[i]),
                 "identified": p.nominal + float(fit.x[i]),
-                "sigma": sigmas.get(p.name),
+                **dict(zip(("sigma", "half_width_95", "learnt"), found.get(p.name, held), strict=True)),
                 "unit": p.unit,
                 "free": p.name in fit.free,
             }
@@ -147,11 +158,9 @@ def frame_facts(setup: Setup, point_names: tuple[str, ...]) -> dict[str, Any]:
 def calibration_facts(calibration: Calibration) -> dict[str, Any]:
     """Identifiability, identification and frames of a calibration."""
     model, after = calibration.model, calibration.after
-    record = calibration.robot.record
-    sigmas = {} if record is None else record.sigmas
     found = calibration.setup.moved(model.parameters.mapping(after.x), model.measurement.point_names)
     return {
         "identifiability": identifiability_facts(after.identifiability),
-        "identification": identification_facts(after, model.parameters, sigmas),
+        "identification": identification_facts(after, model.parameters),
         "frames": frame_facts(found, model.measurement.point_names),
     }

@@ -19,13 +19,11 @@ from symcal.measurements import Setup
 Array = NDArray[np.float64]
 
 
-def place_scene(model: Model, scene: Scene, data: Dataset, options: Options, *, threshold: float) -> Setup:
+def place_scene(model: Model, scene: Scene, data: Dataset, options: Options) -> Setup:
     """The frames of a `pixels` model as nominal kinematics and the image points have them.
 
     Intrinsics stay at their calibrated values here: only the identification moves them, within their prior.
 
-    Args:
-        threshold: smallest singular value of an identifiable direction of the frames.
     Raises:
         InputError: a camera that is neither estimated nor given.
         RefusedError: image points from which neither camera nor mount can be found.
@@ -41,7 +39,7 @@ def place_scene(model: Model, scene: Scene, data: Dataset, options: Options, *, 
         rows = rows_of(model.measurement, data, guess, model.residual)
         if not np.isfinite(rows(np.zeros(len(model.parameters)))[0]).all():
             continue
-        found = fit(rows, model.frames, plain, threshold=threshold)
+        found = fit(rows, model.frames, plain)
         left = float(np.sum(rows(found.x)[0] ** 2))
         if left < least:
             best = guess.moved(model.parameters.mapping(found.x), model.measurement.point_names)

@@ -12,7 +12,6 @@ from symcal.data.dataset import Dataset
 from symcal.export.corrections import corrections
 from symcal.identification.evaluate import Errors
 from symcal.identification.identify import Calibration
-from symcal.identification.uncertainty import correlation
 
 
 def tables(
@@ -35,9 +34,9 @@ def tables(
             for quantity, values in quantities.items()
         ]
     )
-    seen = calibration.after.identifiability
-    matrix = pd.DataFrame(correlation(seen), columns=list(seen.names))
-    matrix.insert(0, "parameter", list(seen.names))
+    known = calibration.after.posterior
+    matrix = pd.DataFrame(known.correlation(), columns=list(known.names))
+    matrix.insert(0, "parameter", list(known.names))
     return {
         "parameters": parameters,
         "accuracy": accuracy,

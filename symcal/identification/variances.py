@@ -1,0 +1,184 @@
+"""Unknown variances of a fit: noise of each group, one factor on the plausible sizes, and robust weights.
+
+For the model linearised at an estimate they are those of largest marginal likelihood
+(`symcal.identification.variance_components`). With a robust loss the noise comes from the median of the residuals
+instead, and the weights with it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symcal.errors import RefusedError
+from symcal.identification.noise import SIGMA_FLOOR, Loss, block_sigmas, robust_weights
+from symcal.identification.variance_components import Block, Components, at_variances, compressed, most_likely
+from symcal.identification.whitened import Whitened
+
+Array = NDArray[np.float64]
+
+_LARGEST_FACTOR = 1e3
+_FACTORS = (1.0, 5.0, 0.2)  # common factors of the sizes from which the first search starts
+_LEFT_OVER = 0.5  # equations of a noise group that must be left to tell it by
+_SMALL = 1e-3  # noise that counts as small beside residuals
+_FACTOR_WIDTH = 2 * np.log(1.15)
+"""Stated sizes hold unless the data clearly contradict them: a Cauchy law of half width 15 % for the logarithm of their
+common factor (here of the log variance). Its long tails let go of sizes that are wrong by a factor of two or more, its
+middle keeps the factor from following the chance of a few parameters. Ours."""
+
+
+@dataclass(frozen=True, slots=True)
+class Variances:
+    """sigmas: noise by group, mm, rad or px. factor: common one on the plausible sizes. weights: robust ones, (N, m)."""
+
+    sigmas: dict[str, float]
+    factor: float
+    weights: Array
+
+    def towards(self, other: Variances, share: float) -> Variances:
+        """A share of the way to other ones, in logarithms."""
+        return Variances(
+            {name: old ** (1 - share) * other.sigmas[name] ** share for name, old in self.sigmas.items()},
+            self.factor ** (1 - share) * other.factor**share,
+            self.weights + share * (other.weights - self.weights),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class VarianceModel:
+    """Which variances are unknown, and how to find them.
+
+    known: standard deviation of each component, shape (N, m), NaN where unknown. missing: measured ones without it.
+    estimated: groups with unknown noise. factor_estimated: whether the factor on the sizes is unknown.
+    """
+
+    system: Whitened
+    known: Array
+    missing: NDArray[np.bool_]
+    estimated: tuple[str, ...]
+    factor_estimated: bool
+    loss: Loss
+
+    @property
+    def settled(self) -> bool:
+        """Nothing is unknown."""
+        return not self.estimated and not self.factor_estimated and self.loss == "linear"
+
+    def difference(self, new: Variances, old: Variances) -> Array:
+        """Change of the log variances that are estimated."""
+        pairs = [(new.sigmas[name], old.sigmas[name]) for name in self.estimated]
+        if self.factor_estimated:
+            pairs.append((new.factor, old.factor))
+        return 2 * np.array([np.log(a / b) for a, b in pairs])
+
+    def spread(self, variances: Variances) -> Array:
+        """Standard deviation that whitens each component, shape (N, m); infinite where it does not count."""
+        return self.system.spread(self.known, variances.sigmas, variances.weights)
+
+    def first(self, x: Array, stated: dict[str, float], tolerance: float) -> Variances:
+        """Variances for the model linearised at x when nothing is known of them, without robust weights."""
+        variances = Variances(stated | dict.fromkeys(self.estimated, np.nan), 1.0, self.system.rows.seen.astype(float))
+        names, blocks, fixed = self._blocks(x, variances, self.estimated)
+        starts = [self._start(names, blocks, fixed, f) for f in (_FACTORS if self.factor_estimated else (1.0,))]
+        found = [most_likely(blocks, fixed, start, tolerance=tolerance) for start in starts]
+        return self._named(names, min(found, key=lambda each: each.value), variances)
+
+    def next(self, x: Array, last: Variances, tolerance: float) -> Variances:
+        """Variances (and robust weights) for the model linearised at x, from the last ones."""
+        robust = self.loss != "linear"
+        if robust:
+            last = self._robust(x, last)
+        names, blocks, fixed = self._blocks(x, last, () if robust else self.estimated)
+        return self._named(names, most_likely(blocks, fixed, self._phi(names, last), tolerance=tolerance), last)
+
+    def at(self, x: Array, variances: Variances) -> tuple[Components, tuple[Block, ...]]:
+        """The model linearised at x, its variances as they are.
+
+        Raises:
+            RefusedError: the model passes through the measurements, and no residual tells their noise.
+        """
+        names, blocks, fixed = self._blocks(x, variances, self.estimated)
+        found = at_variances(blocks, fixed, self._phi(names, variances))
+        for name, block, phi in zip(names, blocks, found.phi, strict=True):
+            taken = float(np.sum((block.rows[:, :-1] @ found.root) ** 2)) * np.exp(-phi)
+            if name != _FACTOR and block.count - taken < _LEFT_OVER:
+                raise RefusedError(
+                    f"{len(self.system.rows.data)} poses leave nothing to tell the noise of the {name} by: the model "
+                    "passes through all of it; measure more poses (three times as many are sensible), state the noise, "
+                    "or hold parameters with 'fix'"
+                )
+        return found, tuple(blocks)
+
+    def learnt(self, x: Array, variances: Variances, found: Components) -> float:
+        """Effective number of parameters that the measurements determine: the trace of their projection."""
+        data = self.system.data_rows(x, self.spread(variances))
+        return float(np.sum((data[:, :-1] @ found.root) ** 2))
+
+    def _robust(self, x: Array, variances: Variances) -> Variances:
+        """Noise from the median of the residuals, then the weights that go with it."""
+        rows = self.system.rows
+        residual, _ = rows(x)
+        learnt = self.learnt(x, variances, self.at(x, variances)[0])
+        sigmas = variances.sigmas | block_sigmas(rows, residual, self.missing, self.estimated, learnt)
+        return replace(variances, sigmas=sigmas, weights=robust_weights(rows, residual, self.known, sigmas, self.loss))
+
+    def _blocks(self, x: Array, variances: Variances, groups: tuple[str, ...]) -> tuple[list[str], list[Block], Array]:
+        """Names and blocks of unknown variance, the noise of ``groups`` among them, and the rows of known variance."""
+        system = self.system
+        residual, jacobian = system.rows(x)
+        known = self.known.copy()
+        for group in system.rows.measurement.groups:
+            if group.name in self.estimated and group.name not in groups:
+                columns = list(group.columns)
+                known[:, columns] = np.where(
+                    np.isnan(known[:, columns]), variances.sigmas[group.name], known[:, columns]
+                )
+        blocks = [self._noise_block(name, residual, jacobian, variances.weights) for name in groups]
+        fixed = system.known_rows(x, residual, jacobian, known, variances.weights)
+        sizes = system.size_rows(x)
+        if self.factor_estimated:
+            blocks.append(
+                Block(sizes, len(sizes), -2 * np.log(_LARGEST_FACTOR), 2 * np.log(_LARGEST_FACTOR), _FACTOR_WIDTH)
+            )
+        else:
+            fixed = np.vstack([fixed, sizes])
+        return [*groups, *([_FACTOR] if self.factor_estimated else [])], blocks, compressed(fixed)
+
+    def _noise_block(self, name: str, residual: Array, jacobian: Array, weights: Array) -> Block:
+        columns = list(next(g.columns for g in self.system.rows.measurement.groups if g.name == name))
+        mask = np.zeros_like(self.missing)
+        mask[:, columns] = self.missing[:, columns] & (weights[:, columns] > 0)
+        spread = np.where(mask, 1 / np.sqrt(np.where(mask, weights, 1.0)), np.inf)
+        rows = self.system.picked(residual, jacobian, spread)
+        return Block(compressed(rows), len(rows), 2 * np.log(SIGMA_FLOOR[name]), np.inf)
+
+    def _start(self, names: list[str], blocks: list[Block], fixed: Array, factor: float) -> Array:
+        """Log variances for this factor with the noise that is left where noise counts as small."""
+        rows = []
+        for name, block in zip(names, blocks, strict=True):
+            size = np.linalg.norm(block.rows[:, -1]) / np.sqrt(block.count)
+            rows.append(block.rows / (factor if name == _FACTOR else max(_SMALL * float(size), 1e-150)))
+        stacked = np.vstack([*rows, fixed])
+        y = np.linalg.lstsq(stacked[:, :-1], -stacked[:, -1], rcond=None)[0]
+        left = [float(np.sum((block.rows @ np.append(y, 1.0)) ** 2)) for block in blocks]
+        return np.array(
+            [
+                2 * np.log(factor) if name == _FACTOR else np.log(max(square, 1e-300) / block.count)
+                for name, block, square in zip(names, blocks, left, strict=True)
+            ]
+        )
+
+    @staticmethod
+    def _phi(names: list[str], variances: Variances) -> Array:
+        return 2 * np.log(np.array([variances.factor if n == _FACTOR else variances.sigmas[n] for n in names]))
+
+    @staticmethod
+    def _named(names: list[str], found: Components, last: Variances) -> Variances:
+        sizes = dict(zip(names, np.exp(0.5 * found.phi).tolist(), strict=True))
+        factor = sizes.pop(_FACTOR, last.factor)
+        return Variances(last.sigmas | sizes, factor, last.weights)
+
+
+_FACTOR = "factor"

@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from symcal.errors import SymcalError
+from symcal.errors import RefusedError, SymcalError
 from symcal.runs import terminal
 
 app = typer.Typer(
@@ -326,6 +326,9 @@ def _identify(
         else:
             terminal.print_accuracy(content)
         terminal.output().print(f"written to {escape(str(folder))}")
+    found = content.get("identification", {})
+    if not found.get("converged", True):
+        raise RefusedError(f"the identification did not converge ({found['message']}): do not use what is in {folder}")
 
 
 def main() -> None:

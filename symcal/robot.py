@@ -71,8 +71,8 @@ class Record:
     """What an identification left in a calibrated robot, whose numbers are those after it.
 
     errors: identified minus nominal by parameter name, mm or rad; base and tool increments included.
-    sigmas: standard deviation by name, or None where the data do not determine the parameter.
-    covariance: of all parameters in the order of ``errors``, shape (n, n); unseen directions have variance zero here.
+    sigmas: standard deviation by name after the data, or None where the parameter was held.
+    covariance: of all parameters in the order of ``errors``, shape (n, n); zero where a parameter was held.
     nominal_base, nominal_tool: the frames that the increments refer to.
     provenance: free facts (inputs, seed, versions, accuracy).
     """

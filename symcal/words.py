@@ -7,6 +7,9 @@ from collections.abc import Sequence
 
 MINUS = "\N{MINUS SIGN}"
 
+MOSTLY = 0.5
+"""Share of a parameter's uncertainty that the data must take away before people are told that it was learnt."""
+
 _GREEK = {"theta": "θ", "alpha": "α", "beta": "β", "a": "a", "d": "d"}
 _LOWERED = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -14,8 +17,8 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 def symbol(name: str) -> str:
     """A parameter's name as it is printed: `theta_1` is Greek with a lowered number, `tool_P1_x` has spaces."""
-    kind, _, rest = name.partition("_")
-    if kind in _GREEK and rest.isdecimal() and rest.isascii():
+    if is_link_parameter(name):
+        kind, _, rest = name.partition("_")
         return _GREEK[kind] + rest.translate(_LOWERED)
     return name.replace("_", " ")
 
@@ -37,6 +40,17 @@ def fixed(value: float, decimals: int) -> str:
     """A number with so many decimals, for columns that align; no minus before a zero."""
     text = f"{value:.{decimals}f}"
     return (text.lstrip("-") if float(text) == 0 else text).replace("-", MINUS)
+
+
+def percent(share: float) -> str:
+    """A share in whole percent, never rounded up: 49.9 % is not half, and 100 % is all but a hundred-thousandth."""
+    return f"{math.floor(100 * share + 1e-3)}\u00a0%"
+
+
+def is_link_parameter(name: str) -> bool:
+    """Whether a name is that of a link parameter (`theta_1`, `a_4`), not of a frame, a point or a camera."""
+    kind, _, rest = name.partition("_")
+    return kind in _GREEK and rest.isdecimal() and rest.isascii()
 
 
 def plural(count: int, word: str) -> str:

@@ -6,6 +6,8 @@ The witness is written here by itself: for every rank the Gauss-Newton solution 
 the *true* noise, of which the truth then picks the best. Nobody can do that on real data.
 """
 
+# ruff: noqa: T201
+
 from __future__ import annotations
 
 import sys
@@ -21,7 +23,7 @@ from symcal.data.dataset import Dataset
 from symcal.identification.estimation import Options
 from symcal.identification.identify import Calibration, calibrate
 from symcal.identification.model import Model, Task, build_model
-from symcal.identification.simulate import Noise, concatenate, simulate
+from symcal.identification.simulate import Noise, simulate
 from symcal.measurements import Setup
 from symcal.robot import Robot
 
@@ -68,12 +70,19 @@ def model_of(kind: str) -> Model:
 def draw(seed: int) -> Case:
     """Position or pose, 15 to 40 poses, 0.02 to 0.2 mm, zero errors up to 2 deg, joints more or less correlated."""
     rng = np.random.default_rng(seed)
-    model = model_of("position" if seed % 2 else "pose")
     spectrum = list(SPECTRA)[seed % 3]
     train = int(rng.integers(15, 41))
     size = float(np.exp(rng.uniform(np.log(0.02), np.log(0.2))))
-    noise = Noise("normal", size, size / 200)
     q = poses(spectrum, train + TEST_POSES, rng)
+    return measured_at("position" if seed % 2 else "pose", q[:train], q[train:], size, rng, spectrum)
+
+
+def measured_at(
+    kind: str, q: np.ndarray, unseen: np.ndarray, size: float, rng: np.random.Generator, spectrum: str = ""
+) -> Case:
+    """An arm with random errors, its instrument anywhere, measured with noise at q and exactly at ``unseen``."""
+    model = model_of(kind)
+    noise = Noise("normal", size, size / 200)
     setup = somewhere(model, rng)
     zero = np.deg2rad(2.0) * rng.uniform()
     scale = float(np.exp(rng.uniform(np.log(0.1), 0.0)))
@@ -84,8 +93,8 @@ def draw(seed: int) -> Case:
         elif p.name in model.kinematic:
             errors[p.name] = float(rng.normal() * scale * p.scale)
     there = replace(model, setup=setup)
-    measured = simulate(there, errors, q[:train], noise, rng)
-    exact = simulate(there, errors, q[train:], Noise(), rng, "test")
+    measured = simulate(there, errors, q, noise, rng)
+    exact = simulate(there, errors, unseen, Noise(), rng, "test")
     return Case(model, measured, exact, model.parameters.vector(errors), setup, noise, spectrum)
 
 
@@ -175,7 +184,8 @@ def main(count: int) -> None:
         factors.append(found.after.factor)
         if ratio > 2:
             print(
-                f"seed {seed} {case.spectrum} {case.model.task.kind} {len(case.data)} poses: {ratio:.2f} factor {found.after.factor:.2f} sigma {found.after.sigmas['position']:.3f}/{case.noise.position:.3f}"
+                f"seed {seed} {case.spectrum} {case.model.task.kind} {len(case.data)} poses: {ratio:.2f} factor "
+                f"{found.after.factor:.2f} sigma {found.after.sigmas['position']:.3f}/{case.noise.position:.3f}"
             )
     print("all:", summary(np.array([r for each in ratios.values() for r in each])), f"; did not converge: {unsettled}")
     for name, each in ratios.items():

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from symcal.identification.credibility import claim
+from symcal.data.dataset import Dataset
+from symcal.identification.credibility import claim, extrapolation
 from symcal.identification.evaluate import Errors
 
 
@@ -48,3 +49,36 @@ def test_chance_is_called_chance_as_often_as_it_should(rng):
         found["test"] = {"before": errors(0.1, 30, rng), "after": errors(0.1, 30, rng)}
         lucky += not any("accuracy claim" in said for said in claim(found))
     assert 1 <= lucky <= 25
+
+
+def poses(train: np.ndarray, test: np.ndarray) -> Dataset:
+    q = np.vstack([train, test])
+    labels = tuple(str(i) for i in range(len(q)))
+    return Dataset("position", q, np.zeros((len(q), 3)), labels, ("train",) * len(train) + ("test",) * len(test))
+
+
+def test_poses_of_the_same_kind_are_no_extrapolation(rng):
+    """Also correlated ones, on a grid, and with a joint that never moved."""
+    mixed = rng.normal(size=(6, 6))
+    for _ in range(50):
+        some = rng.normal(size=(80, 6)) @ mixed * [1, 1, 1, 1, 1, 0]
+        said = extrapolation(poses(some[:60], some[60:]))
+        assert not said or "beyond the range" in said[0]
+    grid = np.array(np.meshgrid(*[np.linspace(-1, 1, 6)] * 3)).reshape(3, -1).T
+    mask = rng.random(len(grid)) < 0.8
+    assert extrapolation(poses(grid[mask], grid[~mask])) == ()
+
+
+def test_joints_beyond_their_range_are(rng):
+    some = rng.uniform(-1, 1, (60, 6))
+    far = some[:10] * [1, 1, 1.5, 1, 1, 1]
+    assert "have joints beyond the range of the training poses" in extrapolation(poses(some, far))[0]
+
+
+def test_new_combinations_within_the_ranges_are(rng):
+    first = rng.uniform(-1, 1, (200, 1))
+    tied = np.hstack([first, -first + 0.05 * rng.normal(size=(200, 1)), rng.uniform(-1, 1, (200, 1))])
+    free = rng.uniform(-0.9, 0.9, (20, 3))
+    assert "combine the joints in other ways" in extrapolation(poses(tied, free))[0]
+    assert extrapolation(poses(tied[:150], tied[150:])) == ()
+    assert extrapolation(poses(tied, free[:0])) == ()

@@ -46,6 +46,12 @@ def test_scales_are_1_mm_and_10_mrad_unless_the_robot_says_otherwise():
     assert all(p.prior_sigma is None for p in items.items)
 
 
+def test_of_links_something_is_known_before_of_frames_points_and_camera_nothing():
+    camera = Camera(2000, 1500, 3000.0, 3001.0, 999.5, 749.5)
+    items = parameter_set(ROBOT, base=True, points=("P",), camera=True, intrinsics=camera)
+    assert {p.name for p in items.items if not p.unknown} == set(ROBOT.parameters)
+
+
 def test_position_of_the_tool_alone():
     assert parameter_set(ROBOT, tool="position").names[6:] == ("tool_x", "tool_y", "tool_z")
     assert len(parameter_set(ROBOT)) == 6

@@ -17,12 +17,11 @@ from matplotlib.colors import to_rgb
 
 from symcal import plots
 from symcal.data.dataset import Dataset
-from symcal.identification import uncertainty
 from symcal.identification.evaluate import Errors, statistics
 from symcal.identification.identify import Calibration
 from symcal.plots import panels, style
 from symcal.report import save_figure
-from symcal.words import number
+from symcal.words import number, symbol
 
 Case = tuple[Calibration, Dataset, Mapping[str, Mapping[str, Errors]]]
 
@@ -59,7 +58,7 @@ def test_every_quantity_on_an_axis_has_its_unit(kind: str, request: pytest.Fixtu
                 illustration.name
             )
             for label in labels:
-                quantity = re.search(r"error|correction|value", label)
+                quantity = re.search(r"error|correction|value|learnt", label)
                 assert not quantity or re.search(r"/\s?(mm|mrad|deg|%|1)$", label), f"{illustration.name}: {label!r}"
 
 
@@ -106,22 +105,41 @@ def test_every_pose_is_drawn_once_per_state(position: Case, position_figures: Fi
     np.testing.assert_allclose(last, errors["test"]["after"].position)
 
 
-def test_corrections_with_two_sigma_and_hollow_where_undetermined(position: Case) -> None:
+def test_corrections_have_95_percent_bars_and_are_hollow_where_assumed(position: Case) -> None:
     calibration = position[0]
     fit, model = calibration.after, calibration.model
+    known = fit.posterior
     illustration = plots.parameter_corrections(calibration)
-    sigma = dict(zip(fit.free, uncertainty.sigmas(fit.identifiability), strict=True))
     errors = model.parameters.mapping(fit.x)
-    angles = [n for n in model.robot.parameters if n in sigma and n.split("_")[0] in ("theta", "alpha", "beta")]
-    axes = illustration.figure.axes[0]
-    bars: Any = axes.containers[0]
-    filled, hollow = np.asarray(bars[0].get_ydata()), np.asarray(axes.get_lines()[-1].get_ydata())
-    np.testing.assert_allclose(filled, [1e3 * errors[n] for n in angles if sigma[n] is not None])
-    np.testing.assert_allclose(hollow, [1e3 * errors[n] for n in angles if sigma[n] is None])
-    assert len(hollow) > 0
-    segments = bars[2][0].get_segments()
-    half = [0.5 * (s[1, 1] - s[0, 1]) for s in segments]
-    np.testing.assert_allclose(half, [2e3 * s for n in angles if (s := sigma[n]) is not None])
+    half = dict(zip(known.names, known.half_widths(), strict=True))
+    share = dict(zip(known.names, known.learnt, strict=True))
+    angles = [n for n in model.robot.parameters if n in half and n.split("_")[0] in ("theta", "alpha", "beta")]
+    groups = [[n for n in angles if share[n] < 0.5], [n for n in angles if share[n] >= 0.5]]
+    assert all(groups)
+    for bars, names, hollow in zip(illustration.figure.axes[0].containers, groups, (True, False), strict=True):
+        found: Any = bars
+        np.testing.assert_allclose(np.asarray(found[0].get_ydata()), [1e3 * errors[n] for n in names])
+        assert (found[0].get_markerfacecolor() == "white") == hollow
+        drawn = [0.5 * (s[1, 1] - s[0, 1]) for s in found[2][0].get_segments()]
+        np.testing.assert_allclose(drawn, [1e3 * half[n] for n in names])
+    links = [n for n in known.names if n in model.robot.parameters]
+    assert f"Filled: {sum(share[n] >= 0.5 for n in links)} that were mostly learnt" in illustration.caption
+
+
+def test_what_was_learnt_is_drawn_once_for_every_link_parameter(position: Case) -> None:
+    calibration = position[0]
+    known = calibration.after.posterior
+    share = {
+        n: 100 * s for n, s in zip(known.names, known.learnt, strict=True) if n in calibration.model.robot.parameters
+    }
+    illustration = plots.what_was_learnt(calibration)
+    whole, learnt = illustration.figure.axes[0].containers
+    assert [bar.get_height() for bar in whole] == [100.0] * len(share)
+    np.testing.assert_allclose([bar.get_height() for bar in learnt], list(share.values()))
+    assert [text.get_text() for text in illustration.figure.axes[0].get_xticklabels()] == [symbol(n) for n in share]
+    at = np.array([bar.get_x() for bar in learnt])
+    assert np.all(np.diff(at) >= 1)
+    assert f"{sum(s >= 50 for s in share.values())} of {len(share)} were mostly learnt" in illustration.caption
 
 
 def test_spectrum_counts_what_the_rank_says(position: Case) -> None:
@@ -136,8 +154,8 @@ def test_spectrum_counts_what_the_rank_says(position: Case) -> None:
 
 def test_correlation_shows_the_strongest_pair(position: Case) -> None:
     fit = position[0].after
-    keep = [i for i, s in enumerate(uncertainty.sigmas(fit.identifiability)) if s is not None]
-    matrix = uncertainty.correlation(fit.identifiability)[np.ix_(keep, keep)]
+    keep = np.flatnonzero(fit.posterior.learnt >= 0.5)
+    matrix = fit.posterior.correlation()[np.ix_(keep, keep)]
     image = np.ma.filled(plots.correlation_matrix(fit).figure.axes[0].images[0].get_array(), 0.0)
     assert np.abs(image).max() == pytest.approx(np.abs(np.tril(matrix, -1)).max())
     assert number(float(np.tril(matrix, -1).flat[np.abs(np.tril(matrix, -1)).argmax()]), 2) in (

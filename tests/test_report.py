@@ -15,6 +15,7 @@ from symcal import plots
 from symcal.errors import InputError
 from symcal.report import Picture, save_figures, verdict, write_report
 from symcal.report.identification import identification_text
+from symcal.report.learnt import learnt_and_assumed
 from symcal.words import number
 
 NASTY = '#set page(fill: red) $x$ *b* _i_ [c] <l> @r \\ "q" // `raw` 日本 Ωµ ' + "very_long" * 30
@@ -48,7 +49,8 @@ def test_pdf_has_the_numbers(content: dict[str, Any], pictures: tuple[Picture, .
     for part in ("train", "test", "truth"):
         for state in ("before", "offsets_only", "after"):
             assert f"{content['accuracy'][part][state]['position_mm']['rms']:.3g}"[:4] in text
-    assert f"Of {content['identifiability']['parameters']} parameters" in text
+    assert f"{content['identifiability']['rank']} of {content['identifiability']['parameters']} are seen" in text
+    assert f"{content['identification']['effective_parameters']:.1f} parameters' worth" in text
     for picture in pictures:
         assert picture.title in text
     for name in content["identification"]["parameters"]:
@@ -69,7 +71,9 @@ def test_special_characters_are_text(content: dict[str, Any], tmp_path: Path) ->
         "nominal": 0.0,
         "error": 1.0,
         "identified": 1.0,
-        "sigma": None,
+        "sigma": 0.5,
+        "half_width_95": 1.0,
+        "learnt": 0.3,
         "unit": "mm",
         "free": True,
     }
@@ -109,9 +113,72 @@ def test_parameters_in_deg_and_mm(content: dict[str, Any]) -> None:
         assert row["unit"] == ("deg" if p["unit"] == "rad" else "mm")
         for key, value in shown.items():
             assert value == pytest.approx(p[key] * factor, abs=0.51 * 10.0**-decimals)
-        assert (row["sigma"] == "–") == (p["sigma"] is None)
-        if p["sigma"] is not None:
-            assert float(row["sigma"]) == pytest.approx(p["sigma"] * factor, rel=0.06)
+        assert float(row["sigma"]) == pytest.approx(p["sigma"] * factor, rel=0.06)
+        assert 0 <= 100 * p["learnt"] - float(row["learnt"].partition("\u00a0")[0]) < 1 + 1e-9 or p["learnt"] > 0.9999
+        assert row["state"] == ("learnt" if p["learnt"] >= 0.5 else "assumed")
+
+
+def test_assumed_and_fixed_rows_are_told_apart(content: dict[str, Any]) -> None:
+    case = copy.deepcopy(content)
+    case["identification"]["parameters"] = {
+        "theta_1": {"nominal": 0.0, "error": 0.0, "identified": 0.0, "unit": "rad", "free": False}
+        | dict.fromkeys(("sigma", "half_width_95", "learnt")),
+        "a_1": _parameter(0.499),
+        "a_2": _parameter(0.5),
+    }
+    table = identification_text(case)["parameters"]
+    assert [row["state"] for row in table["rows"]] == ["fixed", "assumed", "learnt"]
+    assert [row["learnt"].replace("\u00a0", " ") for row in table["rows"]] == ["–", "49 %", "50 %"]
+    notes = " ".join(table["notes"])
+    assert "mostly assumed" in notes
+    assert "held at nominal" in notes
+
+
+def _parameter(learnt: float) -> dict[str, Any]:
+    numbers = {"nominal": 100.0, "error": 0.1, "identified": 100.1, "sigma": 0.2, "half_width_95": 0.4}
+    return {**numbers, "learnt": learnt, "unit": "mm", "free": True}
+
+
+def test_what_was_learnt_counts_the_link_parameters_alone() -> None:
+    held = _parameter(0.9) | {"free": False}
+    parameters = {"a_1": _parameter(0.9), "a_2": _parameter(0.1), "a_3": held, "base_x": _parameter(1.0)}
+    text = learnt_and_assumed(parameters)
+    assert text.startswith("Of 2 free link parameters 1 ")
+    assert "a₂" in text
+    assert "a₁" not in text
+    assert learnt_and_assumed({"a_1": _parameter(0.9)}).startswith("Every free link parameter (1 in all)")
+    assert learnt_and_assumed({"base_x": _parameter(1.0), "a_1": held}) == ""
+    many = learnt_and_assumed({f"a_{i}": _parameter(0.0) for i in range(1, 41)})
+    assert "30 more" in many
+
+
+def test_a_fit_that_did_not_converge_must_not_be_used(content: dict[str, Any], tmp_path: Path) -> None:
+    case = copy.deepcopy(content)
+    case["identification"] |= {"converged": False, "message": "stopped: it swings"}
+    first = verdict(case)[0]
+    assert "Do not use these numbers" in first
+    assert "stopped: it swings" in first
+    assert not any("Do not use" in sentence for sentence in verdict(content))
+    write_report(case, (), tmp_path / "report.pdf")
+    assert "Do not use these numbers" in _text(tmp_path / "report.pdf")
+
+
+@pytest.mark.parametrize(
+    ("factor", "estimated", "words"),
+    [
+        (1.6, True, "larger than"),
+        (0.4, True, "smaller than"),
+        (1.05, True, "about as large"),
+        (1.0, False, "as stated"),
+    ],
+)
+def test_the_factor_on_the_sizes_is_explained(
+    content: dict[str, Any], factor: float, estimated: bool, words: str
+) -> None:
+    found = content["identification"] | {"scale_factor": factor, "scale_factor_estimated": estimated}
+    facts = dict(identification_text(content | {"identification": found})["facts"])
+    assert words in facts["sizes"]
+    assert facts["degrees of freedom"].startswith(f"{found['dof']:.1f}: {found['equations']} equations less ")
 
 
 def _accuracy(before: float, after: float) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from symcal.words import fixed, listed, number, plural, symbol
+from symcal.words import fixed, is_link_parameter, listed, number, percent, plural, symbol
 
 
 @pytest.mark.parametrize(
@@ -44,6 +44,17 @@ def test_symbols() -> None:
     assert [symbol(n) for n in ("theta_12", "alpha_3", "beta_1", "a_4", "d_5")] == ["θ₁₂", "α₃", "β₁", "a₄", "d₅"]
     assert symbol("tool_a_1_x") == "tool a 1 x"
     assert symbol("a_b") == "a b"
+
+
+def test_link_parameters_are_told_from_frames() -> None:
+    assert all(is_link_parameter(name) for name in ("theta_12", "beta_1", "a_4", "d_5"))
+    assert not any(is_link_parameter(name) for name in ("base_x", "tool_a_1_x", "a_b", "camera_fx", "a_²"))
+
+
+@given(st.floats(0.0, 1.0))
+def test_percent_is_never_rounded_up(share: float) -> None:
+    shown = int(percent(share).removesuffix("\u00a0%"))
+    assert 100 * share - 1 < shown <= 100 * share + 1e-3
 
 
 def test_sentences() -> None:

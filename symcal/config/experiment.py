@@ -178,8 +178,8 @@ class TolerancesConfig(Strict):
 class IdentificationConfig(Strict):
     """How to identify.
 
-    scales: plausible size of a link parameter's error by name; priors: standard deviation of a prior, by name, instead of
-    it. scale_factor: whether the data may make all plausible sizes larger by one factor, or they hold as stated;
+    scales: plausible size of a link parameter's error by name; priors: standard deviation of a prior, by name, instead
+    of it. scale_factor: whether the data may make all plausible sizes larger by one factor, or they hold as stated;
     `scales: stated` says the latter in short.
     """
 

@@ -34,7 +34,7 @@ def export_robot(robot: Robot, to: str, folder: Path, *, force: bool = False) ->
     `c`: the folder `c`; `urdf`: `robot.urdf`; `json`: `robot.json` and the table `corrections.csv`.
 
     Raises:
-        RefusedError: corrections that are implausibly large, unseen or uncertain, unless forced.
+        RefusedError: a fit that did not converge or corrections that are implausibly large, unless forced.
         InputError: the files cannot be written.
     """
     overridden = check_exportable(robot, force)

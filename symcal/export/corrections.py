@@ -36,8 +36,8 @@ def corrections(robot: Robot) -> pd.DataFrame:
     flange. Where the instrument saw the base is not a correction of the robot and is left out.
 
     Returns:
-        columns `joint`, `quantity`, `parameter`, `unit`, `nominal`, `correction`, `corrected`, and `sigma`, which is
-        None where the data do not determine the parameter.
+        columns `joint`, `quantity`, `parameter`, `unit`, `nominal`, `correction`, `corrected`, and `sigma`, the
+        standard deviation after the data; it is NaN where the parameter was held, and for the tool's angles.
     """
     rows: list[dict[str, Any]] = []
     if robot.record is not None:

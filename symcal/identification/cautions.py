@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 _STANDS_OUT = 4.0  # medians: a residual larger than this is one slip that spoils the others
 _OUTLIER = 1e-6  # probability that one good observation is called an outlier
 _ABSURD = 20.0  # scales: a correction larger than this is a mistake more often than a fact
+_LARGER = 3.0  # factor on the plausible sizes that a reader is told
 _NONSENSE = 0.1  # of the robot's length
 _NONSENSE_TURN = np.deg2rad(20.0)
 
@@ -69,15 +70,21 @@ def quality(model: Model, data: Dataset, after: Fit) -> tuple[str, ...]:
     """
     _refuse_nonsense(model, data, after)
     notes = []
-    if after.dof < 2 * after.identifiability.rank:
+    learnt = after.equations - after.dof
+    if after.dof < 2 * learnt:
         notes.append(
-            f"only {after.dof} degrees of freedom are left for {after.identifiability.rank} identified directions "
+            f"only {after.dof:.0f} degrees of freedom are left for {learnt:.0f} parameters' worth that was learnt "
             f"({len(data)} poses): the errors on the training data say little about other poses; trust the held-out or "
             "cross-validated ones"
         )
     if not after.converged:
         notes.append(f"the identification did not converge: {after.trouble}")
     notes += _outliers(model, data, after)
+    if after.factor > _LARGER:
+        notes.append(
+            f"the errors of this robot are about {after.factor:.2g} times as large as their plausible sizes: the robot "
+            "file is further off than stated, or the model lacks something and the parameters make up for it"
+        )
     errors = model.parameters.mapping(after.x)
     large = [
         name

@@ -1,4 +1,5 @@
-"""What may be claimed: whether errors on poses that were not identified from support a calibration."""
+"""What may be claimed: whether errors on poses that were not identified from support a calibration, and whether these
+poses are like those that were."""
 
 from __future__ import annotations
 
@@ -6,13 +7,18 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
+from scipy.spatial import cKDTree
 
+from symcal.data.dataset import Dataset
 from symcal.identification.evaluate import Errors, statistics
 
 Array = NDArray[np.float64]
 
 _SIGNIFICANT = 2.0  # standard errors of the mean gain
 _OPTIMISM = 1.5  # unseen over training rms; with many poses the ratio is near one
+_UNLIKE = 1e-3  # probability that poses of the same kind are called others
+_BEYOND = 0.1  # of the training range of a joint
 
 
 def claim(errors: Mapping[str, Mapping[str, Errors]]) -> tuple[str, ...]:
@@ -51,3 +57,36 @@ def _per_pose(errors: Errors) -> Array:
     """Mean squared position error of every pose, mm^2."""
     poses, index = np.unique(errors.pose, return_inverse=True)
     return np.asarray(np.bincount(index, errors.position**2) / np.bincount(index, minlength=len(poses)))
+
+
+def extrapolation(data: Dataset) -> tuple[str, ...]:
+    """Where the held-out poses are not like the training poses: what was identified there need not hold for them.
+
+    Distances to the nearest training pose, in joint coordinates that are decorrelated by the training poses' own
+    covariance, are compared with those of the training poses among themselves by a rank test ([Mann1947]): that also
+    shows new combinations of joints within the old ranges. Ours.
+    """
+    train, test = data.part("train").q, data.part("test").q
+    if len(test) == 0 or len(train) <= train.shape[1] + 1:
+        return ()
+    low, high = train.min(axis=0), train.max(axis=0)
+    slack = _BEYOND * (high - low)
+    beyond = int(((test < low - slack) | (test > high + slack)).any(axis=1).sum())
+    if beyond:
+        return (
+            f"{beyond} of {len(test)} held-out poses have joints beyond the range of the training poses: there the "
+            "calibration is an extrapolation",
+        )
+    _, s, vt = np.linalg.svd(train - train.mean(axis=0), full_matrices=False)
+    moved = s > 1e-9 * s[0]
+    axes = vt[moved].T / s[moved] * np.sqrt(len(train) - 1)
+    tree = cKDTree(train @ axes)
+    own: Array = np.asarray(tree.query(train @ axes, k=2)[0], dtype=np.float64)[:, 1]
+    others: Array = np.asarray(tree.query(test @ axes)[0], dtype=np.float64)
+    if stats.mannwhitneyu(others, own, alternative="greater").pvalue >= _UNLIKE:
+        return ()
+    return (
+        f"the held-out poses combine the joints in other ways than the training poses (nearest training pose "
+        f"{np.median(others):.2g} standard deviations away in the middle, against {np.median(own):.2g} among the "
+        "training poses): there the calibration is an extrapolation",
+    )

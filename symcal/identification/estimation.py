@@ -1,13 +1,14 @@
-"""The statistical fit: the posterior mean, with noise and the size of the errors from the data where nobody states them.
+"""The statistical fit: the posterior mean, with noise and the size of the errors from the data where nobody says them.
 
     x = x_ref + S y,        min_y |Sigma^-1/2 r(x)|^2 + |y / s|^2
 
 S holds the plausible size of each link parameter's error, s one common factor on them; frames, points and camera are
-nearly free; parameters with a stated prior have that one instead. This is the maximum a posteriori of an empirical Bayes
-model ([Morris1983]): the unknown noise of each group in Sigma, and s, are those of largest marginal likelihood of the
-model linearised at the estimate (`symcal.identification.variance_components`). Estimate and variances are found in turn,
-each from a minimisation with exact derivatives; changes of the variances that swing to and fro are halved, and a fit
-whose variances have not settled says so. With a robust loss the noise comes from the median of the residuals instead.
+nearly free; parameters with a stated prior have that one instead. This is the maximum a posteriori of an empirical
+Bayes model ([Morris1983]): the unknown noise of each group in Sigma, and s, are those of largest marginal likelihood of
+the model linearised at the estimate (`symcal.identification.variance_components`). Estimate and variances are found in
+turn, each from a minimisation with exact derivatives; changes of the variances that swing to and fro are halved, and a
+fit whose variances have not settled says so. With a robust loss the noise comes from the median of the residuals
+instead.
 """
 
 from __future__ import annotations

@@ -63,7 +63,8 @@ class Identifiability:
 
     def unseen(self) -> tuple[Direction, ...]:
         """A sparse basis of the hidden subspace, each vector with its sentence; a tenth of a second or so."""
-        return _directions(self.hidden, self.names, self.scales, self.units)
+        exact = self.rank == self.numerical_rank
+        return _directions(self.hidden, self.names, self.scales, self.units, "nothing" if exact else "hardly anything")
 
 
 def decompose(scaled: Array, threshold: float | None = 1.0) -> tuple[Array, Array, int, int]:
@@ -85,7 +86,7 @@ def decompose(scaled: Array, threshold: float | None = 1.0) -> tuple[Array, Arra
 def numerical_rank(scaled: Array) -> int:
     """Directions that rows of shape (m, n) see at all, whatever the noise."""
     triangular = np.linalg.qr(scaled, mode="r") if scaled.shape[0] > scaled.shape[1] else scaled
-    return _count(np.linalg.svd(triangular, compute_uv=False))
+    return _count(np.asarray(np.linalg.svd(triangular, compute_uv=False), dtype=np.float64))
 
 
 def _count(values: Array) -> int:
@@ -120,7 +121,9 @@ def analyse(
     )
 
 
-def _directions(hidden: Array, names: tuple[str, ...], scales: Array, units: tuple[str, ...]) -> tuple[Direction, ...]:
+def _directions(
+    hidden: Array, names: tuple[str, ...], scales: Array, units: tuple[str, ...], changed: str
+) -> tuple[Direction, ...]:
     """A sparse basis of the hidden subspace, each vector with its sentence."""
     directions = []
     for vector in sparse_basis(hidden):
@@ -129,7 +132,7 @@ def _directions(hidden: Array, names: tuple[str, ...], scales: Array, units: tup
         directions.append(
             Direction(
                 {names[i]: float(vector[i]) for i in keep},
-                _sentence(keep, vector / np.abs(vector).max() * scales, names, units),
+                _sentence(keep, vector / np.abs(vector).max() * scales, names, units, changed),
             )
         )
     return tuple(directions)
@@ -166,13 +169,15 @@ def sparse_basis(subspace: Array) -> list[Array]:
     return chosen
 
 
-def _sentence(kept: NDArray[np.intp], physical: Array, names: tuple[str, ...], units: tuple[str, ...]) -> str:
+def _sentence(
+    kept: NDArray[np.intp], physical: Array, names: tuple[str, ...], units: tuple[str, ...], changed: str
+) -> str:
     if len(kept) == 1:
         return f"{names[kept[0]]} cannot be seen"
     amounts = " with ".join(_amount(physical[i], names[i], units[i]) for i in kept)
     verb = "cannot be told apart" if len(kept) == 2 else "can be changed together unseen"
     listed = ", ".join(names[i] for i in kept[:-1]) + f" and {names[kept[-1]]}"
-    return f"{listed} {verb}: {amounts} changes nothing that was measured"
+    return f"{listed} {verb}: {amounts} changes {changed} that was measured"
 
 
 def _amount(value: float, name: str, unit: str) -> str:

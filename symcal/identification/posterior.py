@@ -1,8 +1,8 @@
 """What is known after a fit: covariance, the share learnt from the data, Student t intervals, predictions.
 
 The posterior covariance of the parameters x = x_ref + S y at given variances is S A^-1 S; the uncertainty of the
-variances themselves adds S (dy/dphi) V (dy/dphi)^T S, V = 2 F^-1 ([Kass1989] sec. 3). What the data do not tell keeps its
-plausible size as its standard deviation. Degrees of freedom of a variance v are 2 v^2 / (g^T V g), g = dv/dphi
+variances themselves adds S (dy/dphi) V (dy/dphi)^T S, V = 2 F^-1 ([Kass1989] sec. 3). What the data do not tell keeps
+its plausible size as its standard deviation. Degrees of freedom of a variance v are 2 v^2 / (g^T V g), g = dv/dphi
 ([Satterthwaite1946]), so an interval widens where noise or plausible size are known badly.
 """
 
@@ -27,8 +27,8 @@ _FEWEST_DOF = 1.0
 class Posterior:
     """Normal posterior of the free parameters (mm, rad, px), with Student t tails.
 
-    names: of the n free parameters. covariance: shape (n, n). assumed: standard deviation before the data (n,);
-    infinite where nothing was assumed. learnt: share of each parameter that came from the data, 0 to 1: one minus the
+    names: of the n free parameters. covariance: shape (n, n). assumed: standard deviation before the data, shape (n,).
+    learnt: share of each parameter that came from the data, 0 to 1: one minus the
     ratio of its variances after and before.
     slopes: derivatives of the covariance by the log variances, shape (b, n, n); uncertainty: of those, V, shape (b, b).
     """

@@ -6,18 +6,18 @@ pseudo-measurements of zero. With T_i the rows [J r] of block i at unit variance
     -2 log L(phi) = sum_i m_i phi_i + log det A + rho^2 + sum_i 2 log(1 + phi_i^2 / w_i^2),
     A = sum_i exp(-phi_i) J_i^T J_i,    rho^2 = min_y sum_i exp(-phi_i) |J_i y + r_i|^2
 
-up to a constant. Parameters with a flat prior (frames) are integrated out by the determinant; for those with a plausible
-size this is their marginal likelihood, since a proper prior is the same thing as a pseudo-measurement ([Harville1977]).
-Every term has exact derivatives,
+up to a constant. Parameters with a flat prior (frames) are integrated out by the determinant; for those with a
+plausible size this is their marginal likelihood, since a proper prior is the same thing as a pseudo-measurement
+([Harville1977]). Every term has exact derivatives,
 
     d/d phi_i = m_i - tr H_ii - |rho_i|^2 + 4 phi_i / (w_i^2 + phi_i^2),
     F_ij = (m_i - 2 tr H_ii) delta_ij + tr H_ij H_ji,
 
-H = T A^-1 T^T the projection and F / 2 the Fisher information of phi: the maximum is found by Fisher scoring with a line
-search on L itself. The last term, ours, is a Cauchy law of half width w about zero for a variance that is thought to be
-one unless the data clearly say otherwise; it is left out for others.
+H = T A^-1 T^T the projection and F / 2 the Fisher information of phi: the maximum is found by Fisher scoring with a
+line search on L itself. The last term, ours, is a Cauchy law of half width w about zero for a variance that is thought
+to be one unless the data clearly say otherwise; it is left out for others.
 
-Source: [PattersonThompson1971], [Harville1977] for REML; [Kass1989] for what the uncertainty of phi adds to that of y.
+Source: [Patterson1971], [Harville1977] for REML; [Kass1989] for what the uncertainty of phi adds to that of y.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class Components:
 
 def compressed(rows: Array) -> Array:
     """The triangle of rows [J r], shape (k, n + 1): the same squared norms from at most n + 1 rows."""
-    return np.linalg.qr(rows, mode="r") if len(rows) > rows.shape[1] else rows
+    return np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
 
 
 def at_variances(blocks: Sequence[Block], known: Array, phi: Array) -> Components:
@@ -87,9 +87,10 @@ def at_variances(blocks: Sequence[Block], known: Array, phi: Array) -> Component
     Args:
         known: [J r] of the rows whose variance is known, whitened, shape (k, n + 1).
     """
-    n = known.shape[1] - 1
+    n = int(known.shape[1]) - 1
     scaled = [block.rows * np.exp(-0.5 * value) for block, value in zip(blocks, phi, strict=True)]
-    triangle = np.linalg.qr(np.vstack([*scaled, known, np.zeros((n + 1, n + 1))]), mode="r")
+    stacked = np.vstack([*scaled, known, np.zeros((n + 1, n + 1))])
+    triangle: Array = np.asarray(np.linalg.qr(stacked, mode="r"), dtype=np.float64)
     upper, right = triangle[:n, :n], triangle[:n, n]
     root = solve_triangular(upper, np.eye(n))
     y = -root @ right
@@ -141,9 +142,9 @@ def most_likely(blocks: Sequence[Block], known: Array, start: Array, *, toleranc
         while True:
             trial = np.clip(now.phi + length * step, low, high)
             moved = trial - now.phi
-            if np.abs(moved).max() <= tolerance:
-                return now
             there = at_variances(blocks, known, trial)
+            if np.abs(moved).max() <= tolerance:
+                return there if there.value < now.value else now
             if there.value <= now.value + _ARMIJO * float(now.slope @ moved):
                 break
             length /= 2

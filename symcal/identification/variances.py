@@ -19,7 +19,7 @@ from symcal.identification.whitened import Whitened
 
 Array = NDArray[np.float64]
 
-_LARGEST_FACTOR = 1e3
+_SMALLEST_FACTOR, _LARGEST_FACTOR = 0.1, 1e3
 _FACTORS = (1.0, 5.0, 0.2)  # common factors of the sizes from which the first search starts
 _LEFT_OVER = 0.5  # equations of a noise group that must be left to tell it by
 _SMALL = 1e-3  # noise that counts as small beside residuals
@@ -31,7 +31,7 @@ middle keeps the factor from following the chance of a few parameters. Ours."""
 
 @dataclass(frozen=True, slots=True)
 class Variances:
-    """sigmas: noise by group, mm, rad or px. factor: common one on the plausible sizes. weights: robust ones, (N, m)."""
+    """sigmas: noise by group, mm, rad or px. factor: on all plausible sizes. weights: robust ones, shape (N, m)."""
 
     sigmas: dict[str, float]
     factor: float
@@ -140,7 +140,7 @@ class VarianceModel:
         sizes = system.size_rows(x)
         if self.factor_estimated:
             blocks.append(
-                Block(sizes, len(sizes), -2 * np.log(_LARGEST_FACTOR), 2 * np.log(_LARGEST_FACTOR), _FACTOR_WIDTH)
+                Block(sizes, len(sizes), 2 * np.log(_SMALLEST_FACTOR), 2 * np.log(_LARGEST_FACTOR), _FACTOR_WIDTH)
             )
         else:
             fixed = np.vstack([fixed, sizes])
@@ -172,7 +172,8 @@ class VarianceModel:
 
     @staticmethod
     def _phi(names: list[str], variances: Variances) -> Array:
-        return 2 * np.log(np.array([variances.factor if n == _FACTOR else variances.sigmas[n] for n in names]))
+        values = [variances.factor if name == _FACTOR else variances.sigmas[name] for name in names]
+        return np.asarray(2 * np.log(np.array(values)))
 
     @staticmethod
     def _named(names: list[str], found: Components, last: Variances) -> Variances:

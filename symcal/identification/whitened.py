@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from symcal.identification.noise import spread_of
 from symcal.identification.rows import Rows
+from symcal.parameters import ParameterSet
 
 Array = NDArray[np.float64]
 
@@ -102,27 +103,53 @@ class Whitened:
         return out
 
 
+@dataclass(frozen=True, slots=True)
+class Beforehand:
+    """What is known of the free parameters before anything is measured.
+
+    stated: whitened rows of stated priors by the free parameters (mm, rad, px), shape (k, n). sized, nearly_free: which
+    have a plausible size as their prior instead, and which a very wide one, shape (n,). assumed: standard deviations,
+    shape (n,).
+    """
+
+    stated: Array
+    sized: NDArray[np.bool_]
+    nearly_free: NDArray[np.bool_]
+    assumed: Array
+
+    def rows(self, scales: Array) -> Array:
+        """The same as whitened rows by y = S^-1 x, sizes as stated, shape (k, n)."""
+        own = np.diag(self.sized + self.nearly_free / FREEDOM)
+        return np.vstack([self.stated * scales, own[self.sized | self.nearly_free]])
+
+
+def beforehand(parameters: ParameterSet, free: tuple[str, ...]) -> Beforehand:
+    """Stated priors where there are any, else plausible sizes of link parameters and next to nothing of frames."""
+    index = parameters.indices(free)
+    stated = parameters.prior_rows(free)
+    told = np.asarray(stated.any(axis=0))
+    wide = np.array([parameters.items[i].unknown for i in index], dtype=np.bool_) & ~told
+    scales = parameters.scales[index]
+    assumed = np.where(wide, FREEDOM * scales, scales)
+    if told.any():
+        assumed[told] = np.linalg.norm(np.linalg.inv(stated[:, told]), axis=1)
+    return Beforehand(stated, ~wide & ~told, wide, assumed)
+
+
 def whitened(rows: Rows, free: tuple[str, ...], reference: Array, prior_mean: Array) -> Whitened:
     """The system of the free parameters; the others stay at ``reference``."""
     parameters = rows.measurement.parameters
     index = parameters.indices(free)
-    prior = parameters.prior_rows(free)
-    stated = np.asarray(prior.any(axis=0))
-    wide = np.array([parameters.items[i].unknown for i in index], dtype=bool) & ~stated
-    scales = parameters.scales[index]
-    assumed = np.where(wide, FREEDOM * scales, scales)
-    if stated.any():
-        own = np.linalg.lstsq(prior[:, stated], np.eye(len(prior)), rcond=None)[0]
-        assumed[stated] = np.linalg.norm(own, axis=1)
+    known = beforehand(parameters, free)
     return Whitened(
         rows=rows,
         free=free,
         reference=reference,
         index=index,
-        scales=scales,
-        sized=~wide & ~stated,
-        nearly_free=wide,
-        assumed=assumed,
-        prior=prior,
+        scales=parameters.scales[index],
+        sized=known.sized,
+        nearly_free=known.nearly_free,
+        assumed=known.assumed,
+        prior=known.stated,
         prior_mean=prior_mean,
     )

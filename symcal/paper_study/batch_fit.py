@@ -4,14 +4,13 @@ Gauss-Newton on whitened, scaled rows, all repetitions in step:
 
     u <- V f(w) V^T W^T (W u - r / sigma),        W = J S / sigma,   W^T W = V diag(w) V^T,   x = S u
 
-with f(w) = 1/w where sqrt(w) > 1 and 0 elsewhere (minimum norm in what the data cannot see), or f(w) = 1 / (1 + w)
-(priors of the parameters' plausible sizes). Its fixed points are those of `estimation.fit` with known noise.
+with f(w) = 1 / (1 + w), the plausible sizes of the parameters as their prior. Its fixed points are those of
+`symcal.identification.estimation.fit` with known noise and sizes as stated.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,6 @@ from symcal.errors import RefusedError
 from symcal.identification.model import Model
 
 Array = NDArray[np.float64]
-Rule = Literal["minimum_norm", "priors"]
 
 _TOGETHER = 250  # repetitions whose Jacobians are held at once
 _CONVERGED = 1e-8  # largest change of a scaled error
@@ -29,14 +27,14 @@ _ITERATIONS = 50
 
 @dataclass(frozen=True, slots=True)
 class ManyFits:
-    """x: errors, shape (R, n), mm and rad. ranks: identified directions, shape (R,). iterations: of the slowest."""
+    """x: errors, shape (R, n), mm and rad. ranks: directions seen, shape (R,). iterations: of the slowest."""
 
     x: Array
     ranks: NDArray[np.intp]
     iterations: int
 
 
-def fit_many(model: Model, q: Array, z: Array, sigma: float, rule: Rule = "minimum_norm") -> ManyFits:
+def fit_many(model: Model, q: Array, z: Array, sigma: float) -> ManyFits:
     """Identify all parameters from R sets of positions with known noise.
 
     Args:
@@ -46,7 +44,7 @@ def fit_many(model: Model, q: Array, z: Array, sigma: float, rule: Rule = "minim
         RefusedError: an identification does not converge.
     """
     parts = [
-        _fit(model, np.broadcast_to(q, (len(z), *q.shape[-2:]))[i : i + _TOGETHER], z[i : i + _TOGETHER], sigma, rule)
+        _fit(model, np.broadcast_to(q, (len(z), *q.shape[-2:]))[i : i + _TOGETHER], z[i : i + _TOGETHER], sigma)
         for i in range(0, len(z), _TOGETHER)
     ]
     return ManyFits(
@@ -56,7 +54,7 @@ def fit_many(model: Model, q: Array, z: Array, sigma: float, rule: Rule = "minim
     )
 
 
-def _fit(model: Model, q: Array, z: Array, sigma: float, rule: Rule) -> ManyFits:
+def _fit(model: Model, q: Array, z: Array, sigma: float) -> ManyFits:
     count, poses, dof = q.shape
     scales, setup = model.parameters.scales, model.setup.vector
     flat_q, flat_z = np.ascontiguousarray(q.reshape(-1, dof)), z.reshape(-1, z.shape[-1])
@@ -67,12 +65,10 @@ def _fit(model: Model, q: Array, z: Array, sigma: float, rule: Rule) -> ManyFits
         implied = (rows @ u[:, :, None])[..., 0] - residual.reshape(count, -1) / sigma
         columns = rows.swapaxes(1, 2)
         values, vectors = np.linalg.eigh(columns @ rows)
-        seen = values > 1.0
-        factor = 1.0 / (1.0 + values) if rule == "priors" else np.where(seen, 1.0 / np.where(seen, values, 1.0), 0.0)
         along = vectors.swapaxes(1, 2) @ (columns @ implied[:, :, None])
-        moved = (vectors @ (factor[:, :, None] * along))[..., 0]
+        moved = (vectors @ (along / (1.0 + values)[:, :, None]))[..., 0]
         change = float(np.max(np.abs(moved - u)))
         u = moved
         if change < _CONVERGED:
-            return ManyFits(u * scales, seen.sum(axis=1), iteration)
+            return ManyFits(u * scales, (values > 1.0).sum(axis=1), iteration)
     raise RefusedError(f"{_ITERATIONS} Gauss-Newton steps did not settle one of {count} identifications")

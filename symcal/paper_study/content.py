@@ -158,7 +158,6 @@ def _judged(study: Study, found: Identified) -> dict[str, Any]:
         "after_measured": _short(found.after_measured),
         "after_true": _short(found.after_true, rms=True),
         "unregularised_true": _short(found.unregularised_true, rms=True),
-        "priors_true": _short(found.priors_true, rms=True),
         "expected_rms_mm": plan.expected_rms_mm,
         "cramer_rao_rms_mm": found.cramer_rao_mm,
         "d_efficiency_lower_bound": plan.certificate.d_efficiency_lower_bound,
@@ -167,7 +166,6 @@ def _judged(study: Study, found: Identified) -> dict[str, Any]:
         "beats_random_realised": again.wins(found.plan),
         "parameters": _parameters(study.setting, found.fit.x, study.setting.truth),
         "unregularised": _parameters(study.setting, found.unregularised, study.setting.truth),
-        "priors": _parameters(study.setting, found.priors, study.setting.truth),
         "repetitions": _spread(study, found.plan),
     }
 
@@ -237,7 +235,7 @@ def _gauge(study: Study) -> dict[str, Any]:
         "nominal": results.identifiability_facts(found.seen),
         "truth": results.identifiability_facts(found.at_truth),
         "three_target_points": results.identifiability_facts(found.target),
-        "repetitions": len(found.spread["minimum_norm"]),
+        "repetitions": len(found.spread["posterior"]),
         "methods": {
             method: {
                 "mean": per_parameter(x.mean(axis=0)),

@@ -1,4 +1,4 @@
-"""What positions of one point cannot tell: the unseen directions, and what three ways of fitting make of them."""
+"""What positions of one point cannot tell: the unseen directions, and what two ways of fitting make of them."""
 
 from __future__ import annotations
 
@@ -21,13 +21,12 @@ Array = NDArray[np.float64]
 def gauge(
     setting: Setting, plan: StudyPlan, count: int, solver: SimulationOneConfig, rng: np.random.Generator
 ) -> Gauge:
-    """Spectra at nominal and at the truth, and ``count`` repetitions by minimum norm, with priors, and with neither."""
+    """Spectra at nominal and at the truth, and ``count`` repetitions with plausible sizes as prior, and without."""
     model, nominal = setting.model, np.zeros(len(setting.truth))
     data = measure(setting, plan.poses, count, rng)
     spread = {
         "unregularised": np.array([unregularised(setting, plan.poses, z, solver) for z in data]),
-        "minimum_norm": fit_many(model, plan.poses, data, setting.sigma, "minimum_norm").x,
-        "priors": fit_many(model, plan.poses, data, setting.sigma, "priors").x,
+        "posterior": fit_many(model, plan.poses, data, setting.sigma).x,
     }
     return Gauge(
         plan=plan.name,

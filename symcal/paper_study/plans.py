@@ -38,10 +38,10 @@ def random_plans(setting: Setting, count: int, rng: np.random.Generator) -> Rand
     """Random plans and what each predicts for the test poses."""
     info = setting.info
     poses = info.area.sample(rng, count * setting.count)
-    rows = info.rows(poses).reshape(count, -1, info.rank)
-    totals = info.prior + rows.swapaxes(1, 2) @ rows
-    variance = np.einsum("kij,ji->k", np.linalg.inv(totals), setting.accuracy.mean)
-    return RandomPlans(poses.reshape(count, setting.count, -1), np.sqrt(variance))
+    poses = poses.reshape(count, setting.count, -1)
+    posterior = info.posterior(poses)
+    variance = np.sum(posterior * (setting.accuracy.everywhere @ posterior), axis=(1, 2))
+    return RandomPlans(poses, np.sqrt(variance))
 
 
 def certified_plan(
@@ -108,7 +108,7 @@ def _study_plan(
     motion = plan_path(setting.arm, poses, tour, setting.start, setting.speeds, (robot.lower, robot.upper))
     way = np.concatenate([segment.waypoints for segment in motion.segments])
     total = info.total(poses)
-    expected = setting.accuracy.mean_rms(total)
+    expected = setting.accuracy.mean_rms(info.posterior(poses))
     same = name == "certified"
     return StudyPlan(
         name=name,

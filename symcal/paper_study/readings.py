@@ -100,7 +100,7 @@ def readings(
             poses, history = evolve(setting, fitness, search, search.side_generations, own)
         total = setting.info.total(poses)
         matrix = total / len(poses)
-        expected = setting.accuracy.mean_rms(total)
+        expected = setting.accuracy.mean_rms(setting.info.posterior(poses))
         logdet = float(np.linalg.slogdet(matrix)[1])
         found.append(
             ReadingResult(

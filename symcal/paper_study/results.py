@@ -174,8 +174,8 @@ class SimulationOne:
 class Identified:
     """Simulation II on one plan, one draw of the noise.
 
-    calibration: with minimum norm in unseen directions. unregularised: all parameters free, by the paper's algorithm;
-    priors: each error held near zero by its plausible size; both as errors, shape (n,).
+    calibration: with plausible sizes as prior. unregularised: all parameters free, by the paper's algorithm, as errors,
+    shape (n,).
     The rest are position errors at the test poses, shape (T,), mm: `measured` against noisy test data, `true` against
     truth.
     """
@@ -183,12 +183,10 @@ class Identified:
     plan: str
     calibration: Calibration
     unregularised: Array
-    priors: Array
     before_measured: Array
     after_measured: Array
     after_true: Array
     unregularised_true: Array
-    priors_true: Array
     cramer_rao_mm: float
 
     @property
@@ -232,11 +230,11 @@ class Repetitions:
 
 @dataclass(frozen=True, slots=True)
 class Gauge:
-    """What positions of one point cannot tell: the spectrum, the unseen directions, and what three methods make of
+    """What positions of one point cannot tell: the spectrum, the unseen directions, and what two methods make of
     them over repeated noise on one plan.
 
     seen: of the nominal robot. at_truth: of the true one. target: parameters seen with the three target points.
-    spread: per method (`unregularised`, `minimum_norm`, `priors`) the identified errors, shape (R, n), mm and rad.
+    spread: per method (`unregularised`, `posterior`) the identified errors, shape (R, n), mm and rad.
     true_rms: per method the rms error against truth over the test poses, shape (R,), mm.
     """
 

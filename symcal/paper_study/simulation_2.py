@@ -14,7 +14,6 @@ from symcal.identification.identify import baseline_model, calibrate
 from symcal.identification.simulate import simulate
 from symcal.least_squares import Problem, Tolerances
 from symcal.paper_study import published
-from symcal.paper_study.batch_fit import fit_many
 from symcal.paper_study.repetitions import cramer_rao
 from symcal.paper_study.results import Identified, Setting, StudyPlan
 from symcal.paper_study.setting import positions
@@ -33,13 +32,14 @@ def simulation_2(
     """Measure and identify once on every plan; all are judged against the same noisy test data.
 
     Args:
-        options: of the identification; its known noise is set to that of the simulation. solver: the paper's.
+        options: of the identification; its known noise is set to that of the simulation, its sizes hold as stated.
+        solver: the paper's.
     Returns:
         what was found, and what was measured, by plan.
     """
     model = setting.model
     for_test, *for_plans = rng.spawn(1 + len(plans))
-    options = Options(options.solver, options.tolerances, options.loss, {"position": setting.sigma})
+    options = Options(options.solver, options.tolerances, options.loss, {"position": setting.sigma}, "stated")
     baseline = baseline_model(model)
     truth = model.parameters.mapping(setting.truth)
     noise = setting.noise.draw(setting.noise.position, setting.test_positions.shape, for_test)
@@ -49,18 +49,15 @@ def simulation_2(
         data[name] = simulate(model, truth, plan.poses, setting.noise, own)
         calibration = calibrate(model, baseline, data[name], options)
         free = unregularised(setting, plan.poses, data[name].z, solver)
-        priors = fit_many(model, plan.poses, data[name].z[None], setting.sigma, "priors").x[0]
         after = positions(setting, setting.test_poses, calibration.after.x)
         found[name] = Identified(
             plan=name,
             calibration=calibration,
             unregularised=free,
-            priors=priors,
             before_measured=_norms(setting.nominal_positions - measured),
             after_measured=_norms(after - measured),
             after_true=_norms(after - setting.test_positions),
             unregularised_true=true_errors(setting, free),
-            priors_true=true_errors(setting, priors),
             cramer_rao_mm=float(cramer_rao(setting, plan.poses)),
         )
     return found, data

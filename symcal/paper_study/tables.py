@@ -85,7 +85,6 @@ def _table_4(study: Study) -> pd.DataFrame:
             ("after", "noisy measurement", found.after_measured),
             ("after", "truth", found.after_true),
             ("after, unregularised", "truth", found.unregularised_true),
-            ("after, with priors", "truth", found.priors_true),
         ):
             rows.append(_row(f"ours, {name}", state, against, values.mean(), values.max()))
     for name, table in published.TABLE_IV.items():
@@ -114,8 +113,7 @@ def _identified(study: Study, plans: tuple[str, ...], paper: str) -> pd.DataFram
         for name in plans:
             found = study.simulation_2[name]
             row |= {
-                f"{name}_minimum_norm": found.fit.x[i],
-                f"{name}_priors": found.priors[i],
+                f"{name}_posterior": found.fit.x[i],
                 f"{name}_unregularised": found.unregularised[i],
             }
         rows.append(row)

@@ -17,13 +17,10 @@ Array = NDArray[np.float64]
 LOW, HIGH = 0.05, 0.95
 """Between these quantiles lie nine tenths of the random plans."""
 
-_SINGULAR = 1e12
-
 
 @dataclass(frozen=True, slots=True)
 class RandomBand:
-    """Quantiles of the predicted mean error over the region, mm, by number of poses; infinite where many random plans
-    leave a direction undetermined."""
+    """Quantiles of the predicted mean error over the region, mm, by number of poses."""
 
     counts: tuple[int, ...]
     low_mm: tuple[float, ...]
@@ -47,13 +44,11 @@ def random_band(
         counts: numbers of poses. plans: per number.
     """
     pool = draw(info.area, rng, max(counts) * min(plans, 50), feasible)
-    rows = info.rows(pool)
+    rows = info.function.full(pool)
     errors = np.full((len(counts), plans), np.inf)
     for i, count in enumerate(counts):
         for k in range(plans):
-            chosen = rows[rng.integers(len(pool), size=count)].reshape(-1, info.rank)
-            total = info.prior + chosen.T @ chosen
-            if np.linalg.cond(total) < _SINGULAR:
-                errors[i, k] = accuracy.mean_rms(total)
+            chosen = rows[rng.integers(len(pool), size=count)].reshape(-1, len(info.names))
+            errors[i, k] = accuracy.mean_rms(info.posterior_of(chosen))
     low, median, high = np.quantile(errors, [LOW, 0.5, HIGH], axis=1, method="nearest")
     return RandomBand(tuple(counts), tuple(low.tolist()), tuple(median.tolist()), tuple(high.tolist()), plans)

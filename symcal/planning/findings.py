@@ -152,7 +152,7 @@ def _counts(fewest: int, poses: int) -> list[int]:
 
 
 def _field(problem: PlanProblem, accuracy: Accuracy, planned: Planned, rng: np.random.Generator) -> ErrorField:
-    region, total = problem.region, problem.info.total(planned.plan.poses)
+    region, total = problem.region, problem.info.posterior(planned.plan.poses)
     parts = [region.poses]
     if region.area is not None:
         parts += [draw(region.area, rng, _FIELD, region.feasible, share=share) for share in (0.0, _SNAPPED)]

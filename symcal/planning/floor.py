@@ -4,6 +4,9 @@ The mean over the region is tr(W M^-1) with the region's W: `symcal.planning.cer
 The worst error is at least every average over the region: the plain one, and the one over the poses and weights of a
 D-optimal design as far as they lie in the region. The latter is tight for positions that are measured and asked about
 over one area, where it is the equivalence theorem.
+
+They are bounds of the posterior error too: if somebody told what the unseen directions are, it would only fall, and
+what is left is the error of the seen ones with their plausible sizes as prior P.
 """
 
 from __future__ import annotations
@@ -28,8 +31,9 @@ Array = NDArray[np.float64]
 class ErrorFloor:
     """Lower bounds of predicted errors; made by `error_floor`.
 
-    prior: P, shape (n, n). terms: per bound (tr(W M_a^-1)^2, max_x tr(V I(x)), V) with V = M_a^-1 W M_a^-1; the first
-    is for the mean. logdet_upper_bound: of log det of the mean information per pose, for plans without priors.
+    prior: P, shape (n, n), with plausible sizes. terms: per bound (tr(W M_a^-1)^2, max_x tr(V I(x)), V) with V = M_a^-1
+    W M_a^-1; the first is for the mean. logdet_upper_bound: of log det of the mean information per pose, for plans
+    without priors.
     """
 
     prior: Array
@@ -71,7 +75,8 @@ def error_floor(info: PoseInformation, accuracy: Accuracy, where: FeasibleSet, r
         bound = smallest_variance(info, weight, design.matrix, none, where, rng)
         terms.append((square, square / bound, np.asarray(inverse @ weight @ inverse)))
     logdet = float(np.linalg.slogdet(by_worst.matrix)[1]) + info.rank * max(by_worst.excess, 0.0)
-    return ErrorFloor(info.prior, tuple(terms), logdet)
+    known = info.sizes @ info.basis
+    return ErrorFloor(known.T @ known, tuple(terms), logdet)
 
 
 _RIDGE = 1e-9  # of typical information: keeps designs regular that would only determine everything with priors

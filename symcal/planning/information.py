@@ -5,7 +5,11 @@ r"""What one pose tells about the parameters: whitened, scaled rows on the ident
 J is taken at nominal; Sigma is the stated noise, S the plausible size of each parameter's error, V_1 (p x n) an
 orthonormal basis of what the data can see, and P the (constant) information of priors. In these coordinates the
 covariance of the parameters is S V_1 M^-1 V_1^T S, whatever is measured: nuisance parameters such as base, tool or
-camera are simply parameters.
+camera are simply parameters. Plans are chosen by M. What they let one expect is the posterior of an identification,
+
+    C = S R^-1 R^-T S,        Q R = [Sigma^-1/2 J S of every pose; rows of plausible sizes]
+
+over all p free parameters: what the data do not tell is in it.
 """
 
 from __future__ import annotations
@@ -18,6 +22,7 @@ from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
 from symcal.identification.identifiability import Identifiability, analyse
+from symcal.identification.whitened import beforehand
 from symcal.measurements import Measurement, Setup
 from symcal.planning.area import Feasible, WorkingArea, working_area
 from symcal.planning.rows import SubspaceRows, subspace_rows
@@ -34,7 +39,8 @@ class PoseInformation:
 
     names: the p free parameters. scales: their plausible errors, shape (p,). sigmas: the noise by group.
     seen: the rank analysis behind the subspace. prior: P, shape (n, n): information that is there before any pose is
-    measured; zero without priors. function: q -> Sigma^-1/2 J S, shape (m, p), and its rows on the subspace.
+    measured; zero without priors. sizes: whitened rows of plausible sizes and stated priors, shape (k, p).
+    function: q -> Sigma^-1/2 J S, shape (m, p), and its rows on the subspace.
     """
 
     measurement: Measurement
@@ -45,6 +51,7 @@ class PoseInformation:
     scales: Array
     seen: Identifiability
     prior: Array
+    sizes: Array
     function: SubspaceRows
 
     @property
@@ -75,6 +82,16 @@ class PoseInformation:
         """M of a plan, shape (n, n): priors and the sum over its poses."""
         stacked = self.rows(poses).reshape(-1, self.rank)
         return np.asarray(self.prior + stacked.T @ stacked)
+
+    def posterior(self, poses: Array) -> Array:
+        """R^-1 of a plan, shape (p, p); of several plans, (R, N, dof), shape (R, p, p)."""
+        rows = self.function.full(poses.reshape(-1, self.area.dof))
+        return self.posterior_of(rows.reshape(*poses.shape[:-2], -1, len(self.names)))
+
+    def posterior_of(self, rows: Array) -> Array:
+        """R^-1 from rows Sigma^-1/2 J S, shape (..., k, p)."""
+        known = np.broadcast_to(self.sizes, (*rows.shape[:-2], *self.sizes.shape))
+        return np.asarray(np.linalg.inv(np.linalg.qr(np.concatenate([rows, known], axis=-2), mode="r")))
 
     def lift(self, matrix: Array) -> Array:
         """A covariance in the coordinates of the subspace as one of the free parameters (mm, rad), shape (p, p)."""
@@ -140,8 +157,14 @@ def pose_information(
         scales=scales,
         seen=seen,
         prior=reduced.T @ reduced,
+        sizes=_sizes(measurement, names, scales, prior_rows),
         function=whole.on(seen.seen),
     )
+
+
+def _sizes(measurement: Measurement, names: tuple[str, ...], scales: Array, extra: Array | None) -> Array:
+    known = beforehand(measurement.parameters, names).rows(scales)
+    return known if extra is None else np.vstack([known, extra * scales])
 
 
 def _typical(area: WorkingArea, feasible: Feasible | None) -> Array:

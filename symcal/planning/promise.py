@@ -40,11 +40,11 @@ class Ground:
 
 @dataclass(frozen=True, slots=True)
 class Promise:
-    """Predicted rms position errors in mm against the number of poses, from noise alone.
+    """Predicted rms position errors in mm against the number of poses, by the posterior of an identification.
 
     counts: numbers of poses. Per number, over the region and at its worst pose: of the best plan found, the median of
     random plans, and a bound that no plan is below (up to what the search of a maximum misses).
-    hidden_mm: what directions that the measurement cannot see may add to all of them.
+    hidden_mm: the part of all of them that comes from directions that the measurement cannot see.
     """
 
     counts: tuple[int, ...]
@@ -108,7 +108,7 @@ def promise(
                 f"{count} poses do not determine {info.rank} directions: take {fewest_poses(info)} or more"
             )
         task = _task(info, accuracy, where, objective, count)
-        best.append(predict(accuracy, info.total(METHODS[method](task, own, _nobody)), own))
+        best.append(predict(accuracy, info.posterior(METHODS[method](task, own, _nobody)), own))
         others.append(random_plans(info, accuracy, task, floor.logdet_upper_bound, random, own))
         if progress is not None:
             progress(count)
@@ -163,7 +163,7 @@ def poses_needed(
     def attempt(count: int) -> tuple[Array, Prediction, float]:
         task = _task(info, accuracy, where, objective, count)
         poses = METHODS[method](task, for_search, _nobody)
-        prediction = predict(accuracy, info.total(poses), for_search)
+        prediction = predict(accuracy, info.posterior(poses), for_search)
         return poses, prediction, _figure(prediction, figure)
 
     # upward by the law error ~ 1/sqrt(N) until a plan keeps the target, then down to the first number that fails

@@ -23,8 +23,8 @@ def promise_kept(
 ) -> dict[str, Any] | None:
     """Predicted and realised rms position error at the held-out poses; None where no noise is stated or none held out.
 
-    Predicted at nominal from the stated noise and the training poses, as a plan predicts it: what a later fit thinks of
-    its own noise does not enter.
+    Predicted at nominal from the stated noise, the plausible sizes and the training poses, as a plan predicts it: what
+    a later fit thinks of its own noise does not enter.
 
     Args:
         errors: by part and state, as `symcal.identification.evaluate.compare` gives them.
@@ -42,11 +42,8 @@ def promise_kept(
         info = pose_information(model.measurement, model.setup, sigmas, free, area=area, poses=len(train))
     except RefusedError:
         return None
-    total = info.total(train.q)
-    if np.linalg.cond(total) > _SINGULAR:
-        return None
     accuracy = region_accuracy(info, TaskRegion(test.q))
-    predicted, sigma = accuracy.mean_rms(total), sigmas["position"]
+    predicted, sigma = accuracy.mean_rms(info.posterior(train.q)), sigmas["position"]
     truth = errors.get("truth", {}).get("after")
     return {
         "noise_sigma_mm": sigma,
@@ -58,9 +55,6 @@ def promise_kept(
         "found_measured_rms_mm": _rms(errors["test"]["after"]),
         "found_true_rms_mm": None if truth is None else _rms(truth),
     }
-
-
-_SINGULAR = 1e14
 
 
 def _rms(errors: Errors) -> float:

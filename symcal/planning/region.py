@@ -1,9 +1,9 @@
 r"""Task regions, and the tool error that a plan lets one expect there.
 
-    e(q)^2 = tr(A(q) M^-1 A(q)^T) / k,        A(q) = d(tool points)/dx S V_1        (mm)
+    e(q)^2 = |A(q) R^-1|^2 / k,        A(q) = d(tool points)/dx S        (mm)
 
-the expected square of the position error of the k tool points (the tool's origin if there are none), in world, from the
-measurement noise alone, linearised at nominal.
+the expected square of the position error of the k tool points (the tool's origin if there are none), in world, by the
+posterior of an identification at nominal: from the noise of the measurement, and from what it does not tell.
 """
 
 from __future__ import annotations
@@ -95,28 +95,28 @@ def csv_region(path: Path | str, robot: Robot) -> TaskRegion:
 class Accuracy:
     """Predicted position error over a task region, as a function of a plan's information; made by `region_accuracy`.
 
-    function: q -> A / sqrt(k), shape (3 k, n), mm. mean: average of A^T A / k over the region, shape (n, n).
-    hidden_mm: rms position error over the region that directions unseen by the measurement would make at their
-    plausible size; it comes on top of every prediction, and is zero when what is unseen does not matter there.
-    aligned: the error is what is left after one rigid alignment of the region.
+    function: q -> A V_1 / sqrt(k), shape (3 k, n), mm. mean: average of its square over the region, shape (n, n): what
+    plans are chosen by. everything, everywhere: the same of all p parameters, (3 k, p) and (p, p): what they let
+    expect. hidden_mm: rms position error over the region that directions unseen by the measurement make at their
+    plausible size; it is part of every prediction, and zero when what is unseen does not matter there. aligned: the
+    error is what is left after one rigid alignment of the region.
     """
 
     region: TaskRegion
     function: SubspaceRows
     mean: Array
+    everything: SubspaceRows
+    everywhere: Array
     hidden_mm: float
     aligned: bool
 
-    def at(self, poses: Array, total: Array) -> Array:
-        """Predicted rms error at each pose for a plan of information M, shape (N,), mm."""
-        return np.sqrt(
-            np.maximum(self.function.weighted(poses, np.asarray(np.linalg.inv(total), dtype=np.float64)), 0.0)
-        )
+    def at(self, poses: Array, posterior: Array) -> Array:
+        """Predicted rms error at each pose for a plan with posterior R^-1, shape (N,), mm."""
+        return np.sqrt(np.maximum(self.everything.weighted(poses, posterior @ posterior.T), 0.0))
 
-    def mean_rms(self, total: Array) -> float:
-        """Root of the mean square error over the region, mm; infinite where rounding leaves M indefinite."""
-        square = float(np.sum(self.mean * np.linalg.inv(total)))
-        return float(np.sqrt(square)) if square >= 0 else float("inf")
+    def mean_rms(self, posterior: Array) -> float:
+        """Root of the mean square error over the region for a plan with posterior R^-1, mm."""
+        return float(np.sqrt(max(np.sum(posterior * (self.everywhere @ posterior)), 0.0)))
 
 
 def region_accuracy(info: PoseInformation, region: TaskRegion, *, aligned: bool = False) -> Accuracy:
@@ -140,11 +140,14 @@ def region_accuracy(info: PoseInformation, region: TaskRegion, *, aligned: bool 
     q = chain.q
     at_nominal = _at_nominal(info, "accuracy", [jacobian])(q)
     whole = subspace_rows("accuracy", q, at_nominal, np.eye(len(index)))
-    function, hidden = whole.on(info.basis), whole.on(info.seen.hidden)
-    rows = function.rows(region.poses)
-    rows = rows.reshape(-1, info.rank) / np.sqrt(len(region.poses))
-    unseen = hidden.weighted(region.poses, np.eye(info.seen.hidden.shape[1]))
-    return Accuracy(region, function, rows.T @ rows, float(np.sqrt(max(unseen.mean(), 0.0))), aligned)
+    function = whole.on(info.basis)
+    rows = whole.full(region.poses).reshape(-1, len(index)) / np.sqrt(len(region.poses))
+    everywhere = rows.T @ rows
+    mean = info.basis.T @ everywhere @ info.basis
+    unseen = float(np.sum(info.seen.hidden * (everywhere @ info.seen.hidden)))
+    return Accuracy(
+        region, function, mean, whole, everywhere, hidden_mm=float(np.sqrt(max(unseen, 0.0))), aligned=aligned
+    )
 
 
 def tool_points(info: PoseInformation) -> BatchFunction:

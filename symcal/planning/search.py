@@ -139,7 +139,6 @@ def select_poses(
         better = improve(task, found, certificate.own_design, for_search, report)
         if better is not found:
             found, poses = better, np.concatenate([must, better])
-            total = info.total(poses)
             known = (certificate.design, certificate.own_design)
             certificate = certify(info, poses, merit, where, for_certificate, designs=known)
     seconds = time.perf_counter() - began
@@ -158,7 +157,7 @@ def select_poses(
         history=tuple(history),
         search_seconds=seconds,
         certificate=certificate,
-        prediction=predict(accuracy, total, for_certificate),
+        prediction=predict(accuracy, info.posterior(poses), for_certificate),
         random=compared,
     )
 

@@ -3,6 +3,7 @@
 from symcal.plots.convergence import convergence
 from symcal.plots.distribution import error_distribution
 from symcal.plots.identification import identification_figures
+from symcal.plots.learnt import what_was_learnt
 from symcal.plots.parameters import correlation_matrix, parameter_corrections
 from symcal.plots.poses import errors_per_pose
 from symcal.plots.prediction import predicted_error
@@ -23,4 +24,5 @@ __all__ = [
     "print_settings",
     "residuals_per_axis",
     "singular_values",
+    "what_was_learnt",
 ]

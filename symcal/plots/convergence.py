@@ -68,8 +68,8 @@ def convergence(calibration: Calibration, parts: Mapping[str, Dataset]) -> Illus
         f"Rms {what} over the training poses: {number(float(train[0]))} mm at the start (nominal, frames "
         f"fitted), {number(float(train[-1]))} mm after {plural(int(steps[-1]), 'accepted step')}"
         + (f", 99 % of the way after {enough}" if fall > 0 else "")
-        + ". Steps go on over the rounds in which the noise and the identifiable directions are found anew. "
-        f"The solver's last word: {fit.solution.message}."
+        + ". Steps go on over the rounds in which the noise and the size of the errors are found anew. "
+        f"The last word: {fit.message}."
     )
     return Illustration(settle(figure), "convergence", "Convergence", caption)
 

@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from symcal.data.dataset import Dataset
-from symcal.identification import uncertainty
 from symcal.identification.identify import Calibration
 from symcal.plots.convergence import convergence
 from symcal.plots.distribution import error_distribution
+from symcal.plots.learnt import what_was_learnt
 from symcal.plots.parameters import correlation_matrix, parameter_corrections
 from symcal.plots.poses import errors_per_pose
 from symcal.plots.prediction import predicted_error
 from symcal.plots.residuals import residuals_per_axis
 from symcal.plots.spectrum import singular_values
 from symcal.plots.style import Comparison, Illustration
+from symcal.words import MOSTLY
 
 
 def identification_figures(
@@ -35,13 +36,13 @@ def identification_figures(
         errors_per_pose(errors, labels, against),
         error_distribution(errors[judged], judged, against=against),
         residuals_per_axis(errors, against),
-        parameter_corrections(calibration),
+        *([what_was_learnt(calibration), parameter_corrections(calibration)] if calibration.model.kinematic else []),
         convergence(calibration, parts),
         singular_values(calibration.after.identifiability),
     ]
     if errors.get("truth"):
         figures.insert(2, error_distribution(errors["truth"], "truth", name="true_error_distribution"))
-    if sum(s is not None for s in uncertainty.sigmas(calibration.after.identifiability)) > 1:
+    if (calibration.after.posterior.learnt >= MOSTLY).sum() > 1:
         figures.append(correlation_matrix(calibration.after))
     if errors.get("test") and "test" in parts and calibration.model.task.scene is None:
         figures.append(predicted_error(calibration, parts["test"], errors["test"]["after"]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,24 +11,28 @@ from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from symcal.identification import uncertainty
 from symcal.identification.estimation import Fit
 from symcal.identification.identify import Calibration
 from symcal.plots.style import BLUE, FAINT, INK, WIDE, Illustration, escaped, grid, print_settings, settle, sheet
-from symcal.words import listed, number, plural, symbol
+from symcal.words import MOSTLY, listed, number, plural, symbol
 
 Array = NDArray[np.float64]
 
+_LEARNT: dict[str, Any] = {"color": BLUE, "marker": "o"}
+_ASSUMED: dict[str, Any] = {"color": FAINT, "marker": "D", "markerfacecolor": "white"}
+
 
 def parameter_corrections(calibration: Calibration) -> Illustration:
-    """Identified minus nominal of the link parameters with two standard deviations, in mrad and in mm.
+    """Identified minus nominal of the free link parameters with 95 % intervals, in mrad and in mm.
 
-    Hollow where the data do not determine a parameter by itself.
+    Filled where a parameter was mostly learnt from the data; hollow and grey where it is mostly assumed.
     """
     model, fit = calibration.model, calibration.after
     errors = model.parameters.mapping(fit.x)
-    sigma = dict(zip(fit.free, uncertainty.sigmas(fit.identifiability), strict=True))
-    names = [name for name in model.robot.parameters if name in sigma]
+    known = fit.posterior
+    half = dict(zip(known.names, known.half_widths().tolist(), strict=True))
+    share = dict(zip(known.names, known.learnt.tolist(), strict=True))
+    names = [name for name in model.robot.parameters if name in half]
     unit = dict(zip(model.parameters.names, model.parameters.units, strict=True))
     panels = [
         (group, factor, label)
@@ -37,111 +42,86 @@ def parameter_corrections(calibration: Calibration) -> Illustration:
         )
         if group
     ]
+    learnt = [n for n in names if share[n] >= MOSTLY]
     with print_settings():
         figure = sheet(WIDE, 56)
         ratios = [len(group) + 2 for group, _, _ in panels]
         axes = figure.subplots(1, len(panels), width_ratios=ratios, squeeze=False)[0]
         for panel, (group, factor, label) in zip(axes, panels, strict=True):
-            values = factor * np.array([errors[n] for n in group])
-            bars = factor * np.array([np.nan if sigma[n] is None else sigma[n] for n in group], dtype=float)
-            _corrections(panel, group, values, bars)
+            values, bars = (factor * np.array([of[n] for n in group]) for of in (errors, half))
+            _corrections(panel, group, values, bars, np.array([n in learnt for n in group]))
             panel.set_ylabel(label)
-        figure.legend(handles=_handles(), loc="outside upper center", ncols=2)
-    return Illustration(
-        settle(figure), "parameter_corrections", "Identified corrections", _caption(names, errors, sigma, unit)
-    )
+        figure.legend(handles=[_handle(True), _handle(False)], loc="outside upper center", ncols=2)
+    caption = _caption(names, learnt, errors, half, unit)
+    return Illustration(settle(figure), "parameter_corrections", "Identified corrections", caption)
 
 
-def _corrections(axes: Axes, names: list[str], values: Array, sigmas: Array) -> None:
+def _corrections(axes: Axes, names: list[str], values: Array, bars: Array, learnt: NDArray[np.bool_]) -> None:
     at = np.arange(len(names))
-    known = np.isfinite(sigmas)
     crowded = len(names) > 22
     size = 2.6 if crowded else 3.5
     axes.axhline(0, color=INK, linewidth=0.5, zorder=1)
-    axes.errorbar(
-        at[known],
-        values[known],
-        yerr=2 * sigmas[known],
-        linestyle="none",
-        color=BLUE,
-        marker="o",
-        markersize=size,
-        capsize=0.55 * size,
-        capthick=0.8,
-        elinewidth=0.9,
-        zorder=3,
-    )
-    axes.plot(
-        at[~known],
-        values[~known],
-        linestyle="none",
-        marker="D",
-        color=FAINT,
-        markerfacecolor="white",
-        markersize=size,
-        zorder=3,
-    )
+    for mask, look in ((~learnt, _ASSUMED), (learnt, _LEARNT)):
+        axes.errorbar(
+            at[mask],
+            values[mask],
+            yerr=bars[mask],
+            linestyle="none",
+            markersize=size,
+            capsize=0.55 * size,
+            capthick=0.8,
+            elinewidth=0.9,
+            zorder=3,
+            **look,
+        )
     axes.set_xlim(-0.8, len(names) - 0.2)
     axes.set_xticks(at, [escaped(symbol(n)) for n in names], fontsize=6 if crowded else 7)
     axes.tick_params(axis="x", length=0)
     grid(axes)
 
 
-def _handles() -> list[Line2D]:
-    determined = "correction ± 2 standard deviations"
-    return [
-        Line2D([], [], color=BLUE, marker="o", linestyle="-", markersize=3.5, label=determined),
-        Line2D(
-            [],
-            [],
-            color=FAINT,
-            marker="D",
-            linestyle="none",
-            markerfacecolor="white",
-            markersize=3.5,
-            label="not determined by the data",
-        ),
-    ]
+def _handle(learnt: bool) -> Line2D:
+    label = "mostly learnt from the data" if learnt else "mostly assumed: the data say little"
+    return Line2D([], [], linestyle="-", markersize=3.5, label=label, **(_LEARNT if learnt else _ASSUMED))
 
 
 def _caption(
-    names: list[str], errors: dict[str, float], sigma: dict[str, float | None], unit: Mapping[str, str]
+    names: list[str], learnt: list[str], errors: dict[str, float], half: dict[str, float], unit: Mapping[str, str]
 ) -> str:
-    found = {n: s for n in names if (s := sigma[n]) is not None}
-    significant = sum(abs(errors[n]) > 2 * s for n, s in found.items())
+    sure = sum(abs(errors[n]) > half[n] for n in learnt)
     caption = (
-        f"Corrections of the {plural(len(names), 'link parameter')}. The data determine {len(found)} of them one by "
-        f"one; {significant} of these differ from nominal by more than two standard deviations."
+        f"Corrections (identified minus nominal) of the {plural(len(names), 'free link parameter')} with 95 % "
+        f"intervals. Filled: {len(learnt)} that were mostly learnt from the data; for {sure} of them the nominal value "
+        "lies outside the interval."
     )
     largest = []
     for kind, factor, label in (("rad", 1e3, "mrad"), ("mm", 1.0, "mm")):
-        group = [n for n in found if unit[n] == kind]
+        group = [n for n in learnt if unit[n] == kind]
         if group:
             name = max(group, key=lambda n: abs(errors[n]))
             largest.append(f"{number(errors[name] * factor)} {label} of {symbol(name)}")
     if largest:
         caption += f" The largest: {listed(largest)}."
-    if len(found) < len(names):
+    if len(learnt) < len(names):
         caption += (
-            " A hollow mark belongs to a combination of parameters that the data cannot resolve: its value is a "
-            "convention (nearest to nominal), no finding."
+            f" Hollow and grey: {len(names) - len(learnt)} that are mostly assumed. The data say little "
+            "about each by itself: it is drawn to nominal, and its bar is mostly the size of error thought plausible."
         )
     return caption
 
 
 def correlation_matrix(fit: Fit) -> Illustration:
-    """Correlations of the parameters that the data determine one by one, as a lower triangle; dashes: negative.
+    """Correlations of the parameters that were mostly learnt from the data, as a lower triangle; dashes: negative.
 
     Raises:
-        ValueError: fewer than two parameters are determined.
+        ValueError: fewer than two parameters were mostly learnt.
     """
-    seen = fit.identifiability
-    keep = [i for i, sigma in enumerate(uncertainty.sigmas(seen)) if sigma is not None]
+    keep = np.flatnonzero(fit.posterior.learnt >= MOSTLY)
     n = len(keep)
     if n < 2:
-        raise ValueError("a correlation takes two parameters that the data determine")
-    matrix = uncertainty.correlation(seen)[np.ix_(keep, keep)]
-    names = [symbol(seen.names[i]) for i in keep]
+        raise ValueError("a correlation takes two parameters that were learnt from the data")
+    matrix = fit.posterior.correlation()[np.ix_(keep, keep)]
+    names = [symbol(fit.posterior.names[i]) for i in keep]
     side = float(np.clip(3.3 * n + 24, 82, 150))
     shown = np.ma.masked_where(np.triu(np.ones((n, n), dtype=bool)), matrix)[1:, :-1]
     with print_settings():
@@ -171,7 +151,7 @@ def correlation_matrix(fit: Fit) -> Illustration:
     )
     strong = int(np.sum(pairs > 0.9))
     caption = (
-        f"Correlations of the {n} parameters that the data determine one by one, frames included. "
+        f"Correlations of the {n} parameters that were mostly learnt from the data, frames included. "
         f"Strongest: {strongest}. "
         + (
             f"{plural(strong, 'pair')} above 0.9 in size: known better together than each by itself."

@@ -120,7 +120,7 @@ def _caption(found: PlanFindings, promise: Promise, band: RandomBand) -> str:
     i = promise.counts.index(n) if n in promise.counts else len(promise.counts) - 1
     count = promise.counts[i]
     text = (
-        "Predicted error of the tool, from measurement noise alone, against the number of poses; the shaded band "
+        "Predicted error of the tool after an identification against the number of poses; the shaded band "
         f"holds {100 * (HIGH - LOW):.0f} % of {band.plans} random plans of each size, the dotted line is a bound that "
         f"no plan is below. With {plural(count, 'pose')}: {number(promise.best_mean_mm[i])} mm rms over the region "
         f"(bound {number(promise.bound_mean_mm[i])} mm, random {number(promise.random_mean_mm[i])} mm) and "

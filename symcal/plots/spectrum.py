@@ -9,7 +9,6 @@ from symcal.identification.identifiability import Identifiability
 from symcal.plots.style import (
     BLUE,
     FAINT,
-    GREEN,
     INK,
     NARROW,
     VERMILION,
@@ -23,14 +22,16 @@ from symcal.words import number, plural
 
 
 def singular_values(seen: Identifiability) -> Illustration:
-    """Singular values of the whitened, scaled Jacobian: above the threshold 1, below it, and zero to rounding."""
+    """Singular values of the whitened, scaled Jacobian: seen (above 1), hardly seen, and not at all (zero to rounding).
+
+    At 1 the measurements say as much about a direction as its plausible size; nothing is cut off there.
+    """
     values = seen.singular_values
     n = len(values)
     at = np.arange(1, n + 1)
     zero = np.arange(n) >= seen.numerical_rank
-    determined = np.arange(n) < seen.rank - seen.released
-    released = ~determined & np.isin(values, seen.seen_values) & ~zero
-    hidden = ~(determined | released | zero)
+    clear = np.arange(n) < seen.rank
+    faint = ~(clear | zero)
     lowest = float(values[~zero].min()) if (~zero).any() else 1.0
     bottom = min(lowest, 1.0) / 30
     with print_settings():
@@ -38,9 +39,8 @@ def singular_values(seen: Identifiability) -> Illustration:
         axes = figure.add_subplot()
         axes.axhline(1, color=INK, linewidth=0.8, linestyle="--", zorder=1)
         for mask, label, color, marker, filled in (
-            (determined, "determined", BLUE, "o", True),
-            (released, "released", GREEN, "s", True),
-            (hidden, "below the threshold", VERMILION, "D", False),
+            (clear, "seen", BLUE, "o", True),
+            (faint, "hardly seen", VERMILION, "D", False),
         ):
             if mask.any():
                 axes.plot(
@@ -60,26 +60,25 @@ def singular_values(seen: Identifiability) -> Illustration:
                 marker="v",
                 color=FAINT,
                 markerfacecolor="white",
-                label=f"zero (drawn at the edge): {int(zero.sum())}",
+                label=f"not at all (drawn at the edge): {int(zero.sum())}",
             )
         axes.set_yscale("log")
         axes.set_ylim(bottom, max(float(values[0]), 1.0) * 3)
         axes.set_xlim(0.2, n + 0.8)
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-        axes.set(xlabel="direction in parameter space, best seen first", ylabel="scaled singular value / 1")
+        axes.set(xlabel="combination of parameters, best seen first", ylabel="scaled singular value / 1")
         axes.minorticks_off()
         grid(axes)
         axes.legend(loc="best")
-    left = n - seen.rank
     caption = (
-        "Singular values of the Jacobian, scaled by the noise and by the plausible size of each error. The data "
-        f"determine {seen.rank} of {plural(n, 'direction')}: above the threshold 1 (dashed) they know better than the "
-        "plausible size."
+        "How clearly the measurements see each independent combination (direction) of the parameters: singular values "
+        "of the Jacobian, scaled by the noise and by the plausible size of each error. At 1 (dashed) the data say "
+        f"as much as that size does. {seen.rank} of {plural(n, 'direction')} {'is' if seen.rank == 1 else 'are'} above "
+        "it and count as seen"
     )
-    if seen.released:
-        verb = "is" if seen.released == 1 else "are"
-        caption += f" {seen.released} below it {verb} released: the data contradict the nominal value."
     if seen.rank:
-        caption += f" Largest {number(float(values[0]))}, smallest that counts {number(float(seen.seen_values.min()))};"
-        caption += f" {left or 'none'} {'stays' if left == 1 else 'stay'} at nominal."
+        caption += f" (largest {number(float(values[0]))}, smallest {number(float(seen.seen_values.min()))})"
+    caption += "."
+    if seen.rank < n:
+        caption += " Along the others the assumption says more than the data."
     return Illustration(settle(figure), "singular_values", "What the data can see", caption)

@@ -99,7 +99,7 @@ LOOKS: dict[str, Look] = {
     "before_raw": Look("nominal, frames as given", "#999999", "x", ":", True),
     "before": Look("before: nominal, frames fitted", ORANGE, "o", "--", True),
     "offsets_only": Look("joint offsets only", GREEN, "^", "-.", True),
-    "after": Look("after: all that is identifiable", BLUE, "o", "-", False),
+    "after": Look("after: all parameters", BLUE, "o", "-", False),
 }
 """From light to dark."""
 

@@ -6,11 +6,14 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from symcal.report.learnt import was_learnt
 from symcal.words import fixed, listed, number, plural, symbol
 
 Content = Mapping[str, Any]
 
 _MOST = 6  # decimals
+_TOOL = "tool frame"
+_NO_NEWS = 1e-4  # standard deviations: a smaller correction is none
 _NOTHING = 1e-9  # mm or deg: rounding of a number that was not identified
 _KEPT = {
     "limit": "with a joint at its limit ({})",
@@ -57,7 +60,7 @@ def handover_text(content: Content) -> dict[str, Any] | None:
         return None
     controller = content["controller"]
     return {
-        "corrections": _corrections(controller["corrections"]),
+        "corrections": _corrections(controller["corrections"], content.get("identification", {}).get("parameters", {})),
         "gate": _gate(controller["doubts"]),
         "compensation": _compensation(content["compensation"], _apart(content))
         if content.get("compensation")
@@ -69,21 +72,28 @@ def handover_text(content: Content) -> dict[str, Any] | None:
 # --------------------------------------------------------------------------------------------------------- corrections
 
 
-def _corrections(entries: Sequence[Content]) -> dict[str, Any]:
-    entries = [e for e in entries if e["sigma"] is not None or abs(e["correction"]) > _NOTHING]
+def _corrections(entries: Sequence[Content], parameters: Mapping[str, Content]) -> dict[str, Any]:
+    """Rows of what goes to a controller; grey where it is mostly assumed.
+
+    Args:
+        parameters: of the identification, by name; empty where only a robot is known.
+    """
+    everything = len(entries)
+    entries = [e for e in entries if abs(e["correction"]) > max(_NOTHING, _NO_NEWS * (e["sigma"] or 0.0))]
     places = {unit: _decimals([e for e in entries if e["unit"] == unit]) for unit in ("mm", "deg")}
     rows = []
     for entry in entries:
         digits = places[entry["unit"]]
         cells = [fixed(entry[key], digits) for key in ("nominal", "correction", "corrected")]
         known = entry["sigma"] is not None
+        found = parameters.get(entry["parameter"])
         rows.append(
             {
                 "joint": entry["joint"],
                 "quantity": entry["quantity"],
                 "symbol": symbol(entry["parameter"]),
                 "cells": [*cells, _sigma(entry["sigma"], digits) if known else "–", entry["unit"]],
-                "known": known,
+                "known": was_learnt(found) if found else known or entry["parameter"] == _TOOL,
             }
         )
     note = (
@@ -92,7 +102,14 @@ def _corrections(entries: Sequence[Content]) -> dict[str, Any]:
         "that let them be changed. Where the instrument saw the base is no correction of the robot and is left out."
     )
     if any(not row["known"] for row in rows):
-        note += " Grey rows (–) are not determined one by one: they belong together and go to the controller together."
+        note += (
+            " Grey rows are mostly assumed: the data say little about them alone. All rows belong together and go to "
+            "the controller together."
+        )
+    if any(e["sigma"] is None and e["parameter"] == _TOOL for e in entries):
+        note += " No standard deviation is given for the tool's angles."
+    if len(rows) < everything:
+        note += " Parameters that keep their nominal value are left out."
     return {"rows": rows, "note": note}
 
 

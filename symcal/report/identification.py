@@ -12,8 +12,9 @@ from typing import Any
 
 from symcal.report.handover import handover_text
 from symcal.report.images import images_text
+from symcal.report.learnt import learnt_and_assumed
 from symcal.report.parameter_table import parameter_table
-from symcal.report.verdict import judging_part, verdict
+from symcal.report.verdict import judging_part, usable, verdict
 from symcal.words import MINUS, fixed, listed, number, plural
 
 Content = Mapping[str, Any]
@@ -32,6 +33,7 @@ _PARTS = {
 }
 _COLUMNS = ("rms", "mean", "p95", "max")
 _MOST_NAMED = 8  # parameters of an unseen direction that are named in the report
+_AS_STATED = 1.15  # a factor on the sizes nearer to one than this is no news
 _WIDEST = 1e4  # largest ratio of numbers in a column that still share their decimals
 
 
@@ -46,6 +48,7 @@ def identification_text(content: Content) -> dict[str, Any]:
         "subtitle": _subtitle(content),
         "version": content["versions"].get("symcal", ""),
         "verdict": verdict(content),
+        "usable": usable(content),
         "warnings": list(content.get("warnings", [])),
         "accuracy": _accuracy(content),
         "images": images_text(content),
@@ -126,27 +129,39 @@ def _group_label(content: Content, part: str) -> str:
 
 
 def _identifiability(content: Content) -> dict[str, Any]:
-    seen = content["identifiability"]
-    total, rank, released = seen["parameters"], seen["rank"], seen.get("released", 0)
+    seen, found = content["identifiability"], content["identification"]
+    total, rank = seen["parameters"], seen["rank"]
     text = (
-        f"The model has {plural(total, 'parameter')}. At the noise of the measurement {plural(rank, 'direction')} in "
-        f"their space {'is' if rank == 1 else 'are'} determined better than the plausible size of an error there"
+        f"Measurements do not see each of the {plural(total, 'free parameter')} by itself, but combinations of them, "
+        f"here called directions. {rank} of {total} {'is' if rank == 1 else 'are'} seen: about these the measurements, "
+        "at their noise, say more than the plausible size of an error does"
     )
-    if released:
-        text += f" ({released} of them below the threshold: there the data contradict nominal)"
     if seen.get("numerical_rank") is not None:
-        text += f"; without noise there would be {seen['numerical_rank']}"
+        text += f" (without noise there would be {seen['numerical_rank']})"
     text += "."
     if seen.get("condition_number") is not None:
-        text += f" The condition number of the determined part is {number(seen['condition_number'])}."
-    hidden = total - rank
-    if hidden == 0:
-        text += " Nothing is unseen."
-    elif hidden == 1:
-        text += " One direction is not seen and was left at nominal:"
-    else:
-        text += f" {hidden} directions are not seen and were left at nominal:"
-    return {"text": text, "unseen": [_unseen(entry) for entry in seen["unseen"]]}
+        text += f" The condition number of the seen part is {number(seen['condition_number'])}."
+    learning = (
+        "Nothing is cut off there. Every free link parameter starts at its nominal value with a plausible size of "
+        "error, and the data move it as far as they speak about it. The share of its uncertainty that they took away "
+        "was learnt; what they do not tell stays at nominal, with the plausible size as its uncertainty: that part is "
+        f"assumed, not found. In all {fixed(found['effective_parameters'], 1)} parameters' worth was learnt from the "
+        f"data, frames included. {learnt_and_assumed(found['parameters'])}"
+    )
+    return {
+        "text": text,
+        "learning": learning.strip(),
+        "hidden": _hidden(total - rank),
+        "unseen": [_unseen(entry) for entry in seen["unseen"]],
+    }
+
+
+def _hidden(count: int) -> str:
+    if count == 0:
+        return "Every direction is seen."
+    if count == 1:
+        return "One direction is not seen, or hardly; along it the result is mostly assumed:"
+    return f"{count} directions are not seen, or hardly; along these the result is mostly assumed:"
 
 
 def _unseen(entry: Mapping[str, Any]) -> str:
@@ -184,9 +199,11 @@ def _facts(content: Content) -> list[list[str]]:
     facts = [
         ["solver", f"{solver}, {plural(found['iterations'], 'accepted step')}; {found['message']}"],
         ["noise", _noise(found)],
+        ["sizes", _sizes(found)],
         [
             "degrees of freedom",
-            f"{found['dof']}: {found['equations']} equations less {content['identifiability']['rank']} directions",
+            f"{fixed(found['dof'], 1)}: {found['equations']} equations less {fixed(found['effective_parameters'], 1)} "
+            "parameters' worth that was learnt from them",
         ],
     ]
     if found.get("chi_squared") is not None:
@@ -194,6 +211,20 @@ def _facts(content: Content) -> list[list[str]]:
     facts.append(["random seed", str(content["seed"])])
     facts.append(["versions", ", ".join(f"{name} {version}" for name, version in content["versions"].items())])
     return facts
+
+
+def _sizes(found: Mapping[str, Any]) -> str:
+    """The common factor on the plausible sizes of link errors, and what it means."""
+    factor = found["scale_factor"]
+    if not found["scale_factor_estimated"]:
+        return "plausible sizes of the link parameters' errors as stated"
+    if factor > _AS_STATED:
+        means = "this robot's errors are larger than was thought plausible"
+    elif factor < 1 / _AS_STATED:
+        means = "this robot's errors are smaller than was thought plausible"
+    else:
+        means = "this robot's errors are about as large as was thought plausible"
+    return f"{number(factor)} times the plausible sizes of the link parameters' errors (estimated): {means}"
 
 
 def _noise(found: Mapping[str, Any]) -> str:

@@ -6,7 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from symcal.words import fixed, number, symbol
+from symcal.report.learnt import was_learnt
+from symcal.words import fixed, number, percent, symbol
 
 Parameters = Mapping[str, Mapping[str, Any]]
 
@@ -19,19 +20,28 @@ def parameter_table(parameters: Parameters) -> dict[str, Any]:
     """Rows in the order of the parameter vector, and the notes that they need.
 
     Args:
-        parameters: by name: nominal, error, identified, sigma (mm, rad; None where not determined), unit, free.
+        parameters: by name: nominal, error, identified, sigma (mm, rad), learnt (0 to 1), unit, free; sigma and learnt
+            are None where a parameter was held.
     """
     units = {p["unit"] for p in parameters.values()}
     decimals = {unit: _decimals(parameters, unit) for unit in units}
     rows = [_row(name, p, decimals[p["unit"]]) for name, p in parameters.items()]
     states = {row["state"] for row in rows}
     notes = []
-    if any(row["kind"] in ("base", "tool") for row in rows):
-        notes.append("Rows of base and tool are increments on the frames that fit the nominal kinematics best.")
-    if "open" in states:
+    if states & {"learnt", "assumed"}:
         notes.append(
-            "Grey rows without a standard deviation (–): the data do not determine this parameter by itself, only "
-            "combinations of it with others; its value is the one nearest to nominal and no finding."
+            "Learnt: the share of the uncertainty (variance) before the measurement that the data took away; 75 % "
+            "halves the standard deviation."
+        )
+    if "assumed" in states:
+        notes.append(
+            "Grey rows, below 50 %, are mostly assumed: the data say little about the parameter by itself; it "
+            "is drawn to nominal, and its standard deviation is mostly the size of error that was thought plausible."
+        )
+    if any(row["kind"] in ("base", "tool") for row in rows):
+        notes.append(
+            "Rows of base and tool are increments on the frames that fit the nominal kinematics best; nothing was "
+            "assumed about them, but they carry the uncertainty of link parameters that they cannot be told from."
         )
     if "fixed" in states:
         notes.append("Rows marked 'fixed' were held at nominal, as the experiment asks.")
@@ -40,7 +50,7 @@ def parameter_table(parameters: Parameters) -> dict[str, Any]:
 
 def _row(name: str, p: Mapping[str, Any], places: int) -> dict[str, str]:
     factor, unit = (_DEGREES, "deg") if p["unit"] == "rad" else (1.0, p["unit"])
-    state = "fixed" if not p.get("free", True) else "open" if p["sigma"] is None else "determined"
+    held = p["sigma"] is None
     return {
         "symbol": symbol(name),
         "name": name,
@@ -48,9 +58,10 @@ def _row(name: str, p: Mapping[str, Any], places: int) -> dict[str, str]:
         "nominal": fixed(p["nominal"] * factor, places),
         "error": fixed(p["error"] * factor, places),
         "identified": fixed(p["identified"] * factor, places),
-        "sigma": {"fixed": "fixed", "open": "–"}.get(state) or _sigma(p["sigma"] * factor, places),
+        "sigma": "fixed" if held else _sigma(p["sigma"] * factor, places),
+        "learnt": "–" if held else percent(p["learnt"]),
         "unit": unit,
-        "state": state,
+        "state": "fixed" if held else "learnt" if was_learnt(p) else "assumed",
     }
 
 

@@ -113,7 +113,7 @@ def _proof(content: Content) -> str:
         return text + ": all of them."
     return text + (
         f"; {hidden} cannot be seen by any plan of this measurement at this noise, and an identification will leave "
-        f"{'it' if hidden == 1 else 'them'} at nominal:"
+        f"{'it' if hidden == 1 else 'them'} near nominal:"
     )
 
 

@@ -59,13 +59,13 @@ def _foretold(content: Content) -> list[str]:
     text = (
         f"With measurement noise of {_noise(content)} (standard deviation per axis) they foretell a tool error of "
         f"{number(plan['mean_pose_rms_mm'])} mm rms over the region where accuracy is wanted and "
-        f"{number(plan['worst_pose_rms_mm'])} mm at its worst pose, from noise alone."
+        f"{number(plan['worst_pose_rms_mm'])} mm at its worst pose."
     )
     out = [text]
     if plan["hidden_mm"] > _NOTICEABLE * plan["mean_pose_rms_mm"]:
         out.append(
-            f"Directions that this measurement cannot see may add {number(plan['hidden_mm'])} mm rms there if they are "
-            "as large as is plausible."
+            f"Of that, {number(plan['hidden_mm'])} mm rms come from directions that this measurement cannot see, at "
+            "their plausible size: more poses of the same kind would not help there."
         )
     return out
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from symcal.report.learnt import learnt_and_assumed
 from symcal.words import number, plural
 
 Content = Mapping[str, Any]
@@ -18,15 +19,28 @@ def judging_part(content: Content) -> str:
     return next(part for part in ("test", "cross_validation", "train") if part in content["accuracy"])
 
 
+def usable(content: Content) -> bool:
+    """Whether the identification converged."""
+    return bool(content["identification"]["converged"])
+
+
 def verdict(content: Content) -> list[str]:
     """Sentences for page one, the most important first.
 
     Args:
         content: the results dictionary (results.json).
     """
+    warning = (
+        []
+        if usable(content)
+        else [
+            f"Do not use these numbers: the identification did not converge ({content['identification']['message']})."
+        ]
+    )
     accuracy, part = content["accuracy"], judging_part(content)
     after = accuracy[part]["after"]["position_mm"]
     sentences = [
+        *warning,
         _main(content, part),
         f"Errors are taken against the {content['against']}. Afterwards 95 % of these position errors are below "
         f"{number(after['p95'])} mm; the largest is {number(after['max'])} mm.",
@@ -46,7 +60,7 @@ def verdict(content: Content) -> list[str]:
         sentences.append(_promise(content["promise"]))
     if part == "train":
         sentences.append("No pose was held out, so nothing here says how accurate the robot is at other poses.")
-    return [*sentences, _seen(content)]
+    return [*sentences, *_seen(content)]
 
 
 def _main(content: Content, part: str) -> str:
@@ -97,15 +111,9 @@ def _promise(kept: Mapping[str, Any]) -> str:
     )
 
 
-def _seen(content: Content) -> str:
-    seen = content["identifiability"]
-    total, rank = seen["parameters"], seen["rank"]
-    if rank == total:
-        return f"The data determine all {total} parameters."
-    return (
-        f"Of {plural(total, 'parameter')} the data determine {plural(rank, 'combination')}; the other {total - rank} "
-        "stay at their nominal values, and parameters that they touch have no standard deviation of their own."
-    )
+def _seen(content: Content) -> list[str]:
+    sentence = learnt_and_assumed(content["identification"]["parameters"])
+    return [sentence] if sentence else []
 
 
 def _moved(before: float, after: float) -> str:

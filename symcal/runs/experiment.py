@@ -18,7 +18,7 @@ from symcal.documents import Document, write_document
 from symcal.errors import InputError, RefusedError
 from symcal.export.results import correction_facts, handover_facts
 from symcal.identification import results
-from symcal.identification.credibility import claim
+from symcal.identification.credibility import claim, extrapolation
 from symcal.identification.estimation import Options
 from symcal.identification.evaluate import Errors, compare, cross_validate, expected_position_rms
 from symcal.identification.identify import Calibration, baseline_model, calibrate
@@ -143,7 +143,7 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
             errors["cross_validation"] = cross_validate(experiment.model, used, experiment.options, count, rng)
         except RefusedError as error:
             notes.append(f"cross-validation was not possible: {error}")
-    notes += claim(errors)
+    notes += [*extrapolation(measured), *claim(errors)]
     handover = None if found.truth is None else _handover(experiment, calibration, found.truth, rng)
     inputs = (experiment.document.path, experiment.robot_path, *found.inputs)
     content = _content(experiment, measured, inputs, calibration, errors, notes)

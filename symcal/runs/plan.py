@@ -107,7 +107,7 @@ def write(outcome: PlanOutcome, folder: Path, progress: Progress) -> None:
     write_document(folder / "experiment.resolved.yaml", resolved | {"seed": experiment.seed})
     (folder / "tables").mkdir()
     tool = problem.arm.motion(poses)[0]
-    errors = found.accuracy.at(poses, problem.info.total(poses))
+    errors = found.accuracy.at(poses, problem.info.posterior(poses))
     for name, table in plan_tables(experiment.robot, planned, outcome.content, tool, errors).items():
         table.to_csv(folder / "tables" / f"{name}.csv", index=False)
     if planned.timed:

@@ -77,12 +77,30 @@ def print_study(content: Any) -> None:
         console.print(f"[bold]warning:[/bold] {escape(warning)}")
 
 
+def _learnt(seen: Any, found: Any) -> str:
+    """What was seen and learnt, the noise, and how the fit ended, in a line."""
+    noise = [
+        f"{found[key]:.3g} {unit}"
+        for key, unit in (("noise_sigma_mm", "mm"), ("noise_sigma_deg", "deg"), ("noise_sigma_px", "px"))
+        if found.get(key) is not None
+    ]
+    parts = [
+        f"{seen['rank']} of {seen['parameters']} directions seen",
+        f"{found['effective_parameters']:.1f} parameters' worth learnt",
+        *([f"noise {', '.join(noise)}"] if noise else []),
+        found["message"],
+    ]
+    return "; ".join(parts)
+
+
 def print_accuracy(content: Any) -> None:
     """Errors of every state on every set, and the warnings."""
     console = output()
     seen, found = content.get("identifiability"), content.get("identification")
     if seen:
-        console.print(f"{seen['rank']} of {seen['parameters']} directions identified; {escape(found['message'])}")
+        if not found["converged"]:
+            console.print("[bold]the identification did not converge: its numbers must not be used[/bold]")
+        console.print(escape(_learnt(seen, found)))
     table = Table("data", "state", "mean mm", "rms mm", "p95 mm", "max mm", "rms deg", box=None, pad_edge=False)
     for data, states in content["accuracy"].items():
         for state, quantities in states.items():

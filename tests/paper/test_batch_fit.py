@@ -22,7 +22,7 @@ def single(setting, q, z, model=None):
     names = tuple(str(i) for i in range(len(q)))
     data = Dataset("position", q, z, names, ("train",) * len(q), model.measurement.point_names)
     rows = rows_of(model.measurement, data, model.setup, model.residual)
-    return fit(rows, model.parameters.names, Options(sigma={"position": setting.sigma}))
+    return fit(rows, model.parameters.names, Options(sigma={"position": setting.sigma}, scales="stated"))
 
 
 @pytest.mark.parametrize("fresh", [False, True])
@@ -45,13 +45,13 @@ def test_many_fits_are_the_fits_of_the_estimator(rng, fresh):
         assert np.abs(gap).max() < 1e-4
 
 
-def test_priors_minimise_the_penalised_sum(rng):
+def test_they_minimise_the_penalised_sum(rng):
     """The gradient of |r / sigma|^2 + |x / scale|^2 vanishes, by finite differences."""
     setting = outcome().study.setting
     model, scales = setting.model, setting.model.parameters.scales
     q = setting.info.area.sample(rng, 40)
     z = measure(setting, q, 1, rng)
-    x = fit_many(model, q, z, setting.sigma, "priors").x[0]
+    x = fit_many(model, q, z, setting.sigma).x[0]
 
     def cost(u):
         r = positions(setting, q, u * scales) - z[0]

@@ -85,7 +85,8 @@ def test_a_singular_matrix_scores_minus_infinity(name, accuracy):
 
 
 def test_mean_error_is_what_simulated_calibrations_show(rng):
-    """Statistical law: linear fits to noisy rows err by the predicted I and G over the region."""
+    """Statistical law: linear fits to noisy rows err by the predicted I and G over the region; posterior means, of
+    truths drawn from the plausible sizes, by the predicted error."""
     info = handling()
     region = area_region(info.area, rng, count=200)
     accuracy = region_accuracy(info, region)
@@ -93,9 +94,19 @@ def test_mean_error_is_what_simulated_calibrations_show(rng):
     estimates = np.linalg.lstsq(rows, rng.normal(size=(len(rows), 4000)), rcond=None)[0]
     errors = np.sum((accuracy.function.rows(region.poses) @ estimates) ** 2, axis=1).mean(axis=1)
     total = rows.T @ rows
-    assert accuracy.mean_rms(total) == pytest.approx(np.sqrt(errors.mean()), rel=0.03)
+    assert float(criterion("I", accuracy=accuracy).value(total)) == pytest.approx(np.sqrt(errors.mean()), rel=0.03)
     assert float(criterion("G", accuracy=accuracy).value(total)) == pytest.approx(np.sqrt(errors.max()), rel=0.06)
-    np.testing.assert_allclose(accuracy.at(region.poses, total), np.sqrt(errors), rtol=0.1)
+
+    poses = info.area.sample(rng, 12)
+    full = info.function.full(poses).reshape(-1, len(info.names))
+    truth = rng.normal(size=(full.shape[1], 4000))
+    stacked = np.vstack([full, np.eye(full.shape[1])])
+    right = np.vstack([full @ truth + rng.normal(size=(len(full), 4000)), np.zeros_like(truth)])
+    off = accuracy.everything.full(region.poses) @ (np.linalg.lstsq(stacked, right, rcond=None)[0] - truth)
+    errors = np.sum(off**2, axis=1).mean(axis=1)
+    posterior = info.posterior(poses)
+    assert accuracy.mean_rms(posterior) == pytest.approx(np.sqrt(errors.mean()), rel=0.03)
+    np.testing.assert_allclose(accuracy.at(region.poses, posterior), np.sqrt(errors), rtol=0.1)
 
 
 def test_measured_positions_are_predicted_in_their_own_noise():

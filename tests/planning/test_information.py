@@ -118,3 +118,18 @@ def test_drawing_keeps_the_feasible_and_refuses_an_empty_set(rng):
     assert (poses[:, 2] > 500.0).all()
     with pytest.raises(RefusedError, match="feasible"):
         draw(area, rng, 50, lambda q: q[:, 2] > 1e9)
+
+
+def test_the_posterior_is_the_inverse_of_information_and_plausible_sizes(configs, rng):
+    """Frames are nearly free, stated priors stand in for sizes, and several plans are as one at a time."""
+    robot = load_robot(configs / "robots" / "handling_robot.yaml")
+    parameters = parameter_set(robot, base=True).with_priors({"d_3": 0.05})
+    measurement = position(kinematics.chain(robot, parameters), ("P",))
+    info = pose_information(measurement, Setup(robot.base, robot.tool, np.zeros((1, 3))), {"position": 0.06})
+    plans = info.area.sample(rng, 60).reshape(2, 30, -1)
+    rows = info.function.full(plans[1]).reshape(-1, len(info.names))
+    sizes = np.array([1e3 if n.startswith("base") else 0.05 if n == "d_3" else 1.0 for n in info.names])
+    expected = np.linalg.inv(rows.T @ rows + np.diag(1 / sizes**2))
+    both = info.posterior(plans)
+    np.testing.assert_allclose(both[1] @ both[1].T, expected, rtol=1e-4, atol=1e-6 * expected.max())
+    np.testing.assert_allclose(both[1], info.posterior(plans[1]), atol=1e-9)

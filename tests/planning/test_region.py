@@ -61,8 +61,8 @@ def test_alignment_takes_out_where_the_base_is(rng):
     info = pose_information(measurement, setup, {"position": 0.06}, area=handling().area)
     region = area_region(info.area, rng, count=400)
     plain, aligned = region_accuracy(info, region), region_accuracy(info, region, aligned=True)
-    total = info.total(info.area.sample(rng, 40))
-    assert aligned.mean_rms(total) < plain.mean_rms(total)
+    posterior = info.posterior(info.area.sample(rng, 40))
+    assert aligned.mean_rms(posterior) < plain.mean_rms(posterior)
     shift = np.zeros(len(info.names))
     shift[info.names.index("base_x")] = 1.0
     np.testing.assert_allclose(plain.function.full(region.poses) @ shift, [[1.0, 0.0, 0.0]] * 400, atol=1e-9)
@@ -106,5 +106,5 @@ def test_region_without_area_is_only_its_poses(rng):
     info = handling()
     poses = info.area.sample(rng, 30)
     accuracy = region_accuracy(info, TaskRegion(poses))
-    total = info.total(info.area.sample(rng, 40))
-    assert accuracy.mean_rms(total) == pytest.approx(np.sqrt(np.mean(accuracy.at(poses, total) ** 2)))
+    known = info.posterior(info.area.sample(rng, 40))
+    assert accuracy.mean_rms(known) == pytest.approx(np.sqrt(np.mean(accuracy.at(poses, known) ** 2)))

@@ -74,13 +74,12 @@ def spectra(study: Study) -> Illustration:
 
 
 def spreads(study: Study) -> Illustration:
-    """Deviation of identified errors from truth, per parameter: free, minimum norm, priors, and the paper's tables."""
+    """Deviation of identified errors from truth, per parameter: free, with a prior, and the paper's tables."""
     gauge, setting = study.gauge, study.setting
     names, scales = setting.model.parameters.names, setting.model.parameters.scales
     methods = {
-        "unregularised": ("all free, as in the paper", VERMILION, "s", -0.24),
-        "minimum_norm": ("minimum norm", BLUE, "o", 0.0),
-        "priors": ("priors", GREEN, "^", 0.24),
+        "unregularised": ("all free, as in the paper", VERMILION, "s", -0.12),
+        "posterior": ("plausible sizes as prior", BLUE, "o", 0.12),
     }
     at = np.arange(len(names))
     with print_settings():
@@ -97,7 +96,7 @@ def spreads(study: Study) -> Illustration:
                 marker=marker,
                 color=color,
                 markersize=3.0,
-                markerfacecolor=color if key == "minimum_norm" else "white",
+                markerfacecolor=color if key == "posterior" else "white",
                 label=label,
             )
         for table, words, marker in (
@@ -129,15 +128,15 @@ def spreads(study: Study) -> Illustration:
         f"median and 5 to 95 % over {count} draws of the noise on the certified plan. Fitted all free, "
         f"{listed([symbol(name) for name in wander])} wander"
         + (", in our fits as in the paper's tables" if study.published_true else "")
-        + "; with minimum norm or priors they stay well within a plausible error and the other parameters are as good."
+        + "; with plausible sizes as prior they stay well within these and the other parameters are as good."
     )
     return Illustration(settle(figure), "paper_spreads", "Identified parameters against truth", caption)
 
 
 def _wandering(study: Study) -> list[str]:
-    """Parameters that deviate at least three times as much without regularisation as with minimum norm."""
+    """Parameters that deviate at least three times as much without regularisation as with plausible sizes as prior."""
     off = {key: np.abs(x - study.setting.truth) for key, x in study.gauge.spread.items()}
-    free, held = (np.percentile(off[key], 95, axis=0) for key in ("unregularised", "minimum_norm"))
+    free, held = (np.percentile(off[key], 95, axis=0) for key in ("unregularised", "posterior"))
     names = study.setting.model.parameters.names
     return [name for name, a, b in zip(names, free, held, strict=True) if a > 3 * b]
 

@@ -69,8 +69,8 @@ def fitness(content: Content) -> list[Block]:
         table(
             "readings",
             "Readings of the paper's fitness",
-            "Each searched by the same genetic algorithm. Predicted: rms position error over the test poses from "
-            f"noise alone, mm. Random plans: {two['random_plans']}. Distinct: poses that differ by more than a "
+            "Each searched by the same genetic algorithm. Predicted: rms position error over the test poses after an "
+            f"identification, mm. Random plans: {two['random_plans']}. Distinct: poses that differ by more than a "
             "hundredth of the working area from each other.",
             ["reading", "predicted", "beats random", "D-efficiency", "distinct"],
             rows,

@@ -61,7 +61,7 @@ def plans(content: Content) -> list[Block]:
             "What each plan is worth before anything is measured",
             "D-efficiency: information about all identifiable parameters relative to the best possible plan, a proven "
             "lower bound; G-efficiency: the same for the worst pose of the working area. Predicted: rms position error "
-            f"over the test poses from noise alone, mm; {two['random_plans']} random plans predict "
+            f"over the test poses after an identification, mm; {two['random_plans']} random plans predict "
             f"{number(random['p05'])} to {number(random['p95'])} mm (5 to 95 %). Cond.: condition number of the "
             "scaled, identifiable Jacobian. Seen: poses at which the camera of [@paper_vision] sees the whole target; "
             "identification here uses positions, as the paper's simulation does, and does not ask for it.",

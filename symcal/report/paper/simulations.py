@@ -208,7 +208,7 @@ def _worst_seen(content: Content) -> str:
     seen = [n for n in true if n not in _hidden(content)]
     worst = max(seen, key=lambda n: abs(reduced[n] - true[n]) / scales[n])
     entry = content["simulation_1"]["parameters"][worst]
-    off, spread = abs(reduced[worst] - true[worst]), content["gauge"]["methods"]["minimum_norm"]["sd"][worst]
+    off, spread = abs(reduced[worst] - true[worst]), content["gauge"]["methods"]["posterior"]["sd"][worst]
     return (
         f" It left {symbol(worst)}, which can be seen, off by {number(off, 2)} {entry['unit']}; the certified plan "
         f"determines it to {number(spread, 2)} {entry['unit']}."
@@ -226,7 +226,6 @@ def _identified(content: Content, key: str, plan: str, name: str, number_of: str
             fixed(paper[parameter], places) if parameter in paper else "–",
             fixed(reduced["reduced"][parameter], places) if reduced else "–",
             fixed(p["error"], places),
-            fixed(ours["priors"][parameter]["error"], places),
             fixed(ours["unregularised"][parameter]["error"], places),
         ]
         rows.append(row(symbol(parameter), p["unit"], *cells, faint=parameter in _hidden(content)))
@@ -236,17 +235,17 @@ def _identified(content: Content, key: str, plan: str, name: str, number_of: str
         f"Identified with the {words} trajectory (paper: {number_of})",
         f"Ours: {PLAN_LABELS[plan]} plan, one draw of the noise. Reduced: what is left of the paper's values when the "
         f"part that positions cannot see is taken away (ours). Grey: {hidden} take part in unseen directions; their "
-        "values by minimum norm are those nearest to nominal and no finding."
+        "values with a prior are those nearest to nominal and no finding."
         + (
             f" With all parameters free the error against truth is {_free(content, plan)}."
             if plan == "certified"
             else ""
         ),
-        ["", "unit", "true", "as printed", "reduced", "minimum norm", "with priors", "all free"],
+        ["", "unit", "true", "as printed", "reduced", "with prior", "all free"],
         rows,
-        groups=[("", 3), ("paper", 2), ("ours", 3)],
+        groups=[("", 3), ("paper", 2), ("ours", 2)],
         left=(0, 1),
-        wide=(2, 3, 4, 5, 6, 7),
+        wide=(2, 3, 4, 5, 6),
         floats=True,
     )
 
@@ -259,4 +258,4 @@ def _hidden(content: Content) -> list[str]:
 def _free(content: Content, plan: str) -> str:
     entry = content["simulation_2"]["plans"][plan]
     ratio = entry["unregularised_true"]["rms_mm"] / entry["after_true"]["rms_mm"]
-    return f"{number(entry['unregularised_true']['rms_mm'])} mm rms, {percent(ratio, 0)} of that with minimum norm"
+    return f"{number(entry['unregularised_true']['rms_mm'])} mm rms, {percent(ratio, 0)} of that with the prior"

@@ -1,23 +1,27 @@
 """Do intervals hold the truth as often as they say? Long form of test_coverage.py.
 
-    python tests/coverage.py [trials] [factor]
+    python tests/interval_coverage.py [trials] [factor]
 
 The truth of every link parameter is drawn anew in each trial, with the plausible size times ``factor``; the program is
 told the plausible sizes. Every link parameter and every component of 20 predicted positions is judged by itself.
 """
+
+# ruff: noqa: T201
 
 from __future__ import annotations
 
 import sys
 from dataclasses import dataclass, replace
 
-import numpy as np
 import camera_scenes
+import numpy as np
 from few_poses import model_of, poses, somewhere
 from scipy import stats
 
 from symcal.identification.estimation import Options, fit
+from symcal.identification.evaluate import without_rigid_motion
 from symcal.identification.model import Model
+from symcal.identification.registration import rigid_fit
 from symcal.identification.rows import rows_of
 from symcal.identification.simulate import Noise, simulate
 from symcal.measurements import Setup
@@ -75,6 +79,10 @@ def cover(kind: str, trials: int, factor: float = 1.0, options: Options = Option
         off = np.abs(found.x - truth)[index]
         points, slopes = predicted(model, found.x, asked)
         exact, _ = predicted(model, truth, asked)
+        if kind == "pixels":  # only the camera says where the world is: positions to one rigid motion of all of them
+            laid = rigid_fit(points, exact)
+            slopes = without_rigid_motion(points, slopes)
+            points = points @ laid[:3, :3].T + laid[:3, 3]
         for level in LEVELS:
             widths = found.posterior.half_widths(level)[: len(names)]
             reach = found.posterior.prediction_half_widths(slopes[:, :, parameters.indices(free)], level)

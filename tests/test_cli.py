@@ -79,7 +79,7 @@ def test_usage_is_exit_code_two(symcal, arguments, words):
 def test_a_run_says_what_came_out(symcal, experiment, tmp_path):
     code, out, err = symcal("run", experiment, "--out", "result")
     assert (code, err) == (0, "")
-    for words in ("30 of 37 directions identified", "train", "test", "offsets_only", "after", "written to result"):
+    for words in ("30 of 37 directions seen", "train", "test", "offsets_only", "after", "written to result"):
         assert words in out
     assert json.loads((tmp_path / "result" / "results.json").read_text())["name"] == "tracker"
     assert names(tmp_path) == ["data.csv", "experiment.yaml", "result", "robot.yaml"]

@@ -91,8 +91,8 @@ def _calibrate(model: Model, baseline: Model | None, data: Dataset, options: Opt
     setup = place(model, train, options)
     rows = rows_of(model.measurement, train, setup, model.residual)
     at = stated(model, setup)
-    offsets = fit(rows, (*model.offsets, *model.placement), options, prior_mean=at)
     nominal = np.zeros(len(model.parameters))
+    offsets = fit(rows, (*model.offsets, *model.placement), options, prior_mean=at, nested=(nominal,))
     after = fit(rows, (*model.kinematic, *model.placement), options, prior_mean=at, nested=(nominal, offsets.x))
     before = State(model, setup, nominal)
     raw = None if model.placement else before

@@ -82,8 +82,8 @@ class VarianceModel:
         variances = Variances(stated | dict.fromkeys(self.estimated, np.nan), 1.0, self.system.rows.seen.astype(float))
         names, blocks, fixed = self._blocks(x, variances, self.estimated)
         starts = [self._start(names, blocks, fixed, f) for f in (_FACTORS if self.factor_estimated else (1.0,))]
-        found = [most_likely(blocks, fixed, start, tolerance=tolerance) for start in starts]
-        return self._named(names, min(found, key=lambda each: each.value), variances)
+        start = min(starts, key=lambda phi: at_variances(blocks, fixed, phi).value) if starts[1:] else starts[0]
+        return self._named(names, most_likely(blocks, fixed, start, tolerance=tolerance), variances)
 
     def next(self, x: Array, last: Variances, tolerance: float) -> Variances:
         """Variances (and robust weights) for the model linearised at x, from the last ones."""

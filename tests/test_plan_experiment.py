@@ -89,8 +89,8 @@ def test_results_say_what_they_must(small):
     for key in ("worst_pose_rms_mm", "mean_pose_rms_mm"):
         assert random[key] > plan[key]
     assert plan["search_seconds"] > 0
-    # what the design theory allows at best, with and without the plausible sizes as prior: the rms over the best possible
-    # plan's own poses is sigma sqrt(n / N) without
+    # what the design theory allows at best, with the plausible sizes as prior and without: the rms over the best plan's
+    # own poses is sigma sqrt(n / N) without
     (row,) = [row for row in found["promise"]["table"] if row["poses"] == 12]
     assert plan["worst_pose_rms_mm"] >= row["bound_worst_mm"] * (1 - 1e-6)
     assert 0.9 < row["bound_worst_mm"] / (plan["noise_sigma_mm"] * np.sqrt(11 / 12)) < 1

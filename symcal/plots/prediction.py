@@ -20,8 +20,8 @@ Array = NDArray[np.float64]
 def predicted_error(calibration: Calibration, data: Dataset, after: Errors) -> Illustration:
     """Realised position error of held-out poses over the predicted one, with the noise of the measurement in both.
 
-    Predicted is sqrt(tr(J C J^T) + tr Sigma) per point. The 95 % limit takes the components as independent and alike and
-    the noise as known with the degrees of freedom of the fit (Fisher's F in place of chi-squared), which is ours.
+    Predicted is sqrt(tr(J C J^T) + tr Sigma) per point. The 95 % limit takes the components as independent and alike
+    and the noise as known with the degrees of freedom of the fit (Fisher's F in place of chi-squared), which is ours.
 
     Args:
         data: held-out measurements. after: the errors of the identified robot on them.

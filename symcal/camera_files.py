@@ -12,7 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from symcal import spatial
 from symcal.camera import INTRINSIC_NAMES, Camera, Target
-from symcal.documents import Document, Strict, read_document, validate, write_document
+from symcal.documents.document import Document, Strict, read_document, validate, write_document
 from symcal.errors import InputError
 from symcal.robot_schema import Frame, Units
 from symcal.units import ANGLE, LENGTH

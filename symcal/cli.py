@@ -164,7 +164,7 @@ def check(
     file: Annotated[Path, typer.Argument(metavar="FILE.yaml", help="robot, calibrated robot or experiment")],
 ) -> None:
     """Validate a file; print the model and what is identifiable."""
-    from symcal.documents import read_document
+    from symcal.documents.document import read_document
     from symcal.robot import load_robot
     from symcal.runs import experiment as runs
     from symcal.runs.check import check_model, check_robot

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal import spatial
-from symcal.documents import write_document
+from symcal.documents.document import write_document
 from symcal.errors import InputError
 from symcal.robot_schema import LINK_PARAMETERS, SCHEMA, Calibration, LinkEntry, read_robot_file
 from symcal.robot_schema import Convention as Convention

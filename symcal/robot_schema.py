@@ -17,7 +17,7 @@ from pydantic_core import PydanticCustomError
 from scipy.spatial.transform import Rotation
 
 from symcal import spatial
-from symcal.documents import Document, Key, Strict, read_document, validate
+from symcal.documents.document import Document, Key, Strict, read_document, validate
 from symcal.units import ANGLE, AngleUnit, LengthUnit
 
 Array = NDArray[np.float64]

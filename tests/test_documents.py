@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field
 
-from symcal.documents import Strict, dotted, read_document, validate, write_document
+from symcal.documents.document import Strict, dotted, read_document, validate, write_document
 from symcal.errors import InputError, SymcalError
 
 

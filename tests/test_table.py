@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from symcal.documents.table import Table, joint_readings, read_table
 from symcal.errors import InputError
-from symcal.table import Table, joint_readings, read_table
 from symcal.units import LENGTH
 
 GOOD = "pose,q1_deg,q2_mm,x_m\nA,90,10,0.001\nB,-45.5,1e1,2\n"

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from symcal import spatial
+from symcal.documents.table import Table, joint_readings, read_table
 from symcal.errors import InputError, RefusedError
 from symcal.kernels.batch import batch_function
 from symcal.kinematics import Chain, chain, frame_vector, function
 from symcal.parameters import ParameterSet
 from symcal.robot import Robot
-from symcal.table import Table, joint_readings, read_table
 from symcal.units import ANGLE, LENGTH
 
 Array = NDArray[np.float64]

@@ -19,14 +19,14 @@ from symcal.config.experiment import RenderedData as RenderedData
 from symcal.config.experiment import SimulatedData as SimulatedData
 from symcal.config.experiment import SplitConfig
 from symcal.data.measurement_file import Split
-from symcal.documents import Document, Key, read_document, validate
+from symcal.documents.document import Document, Key, read_document, validate
+from symcal.documents.yaml_dialect import parse_value
 from symcal.errors import InputError
 from symcal.identification.estimation import Options
 from symcal.identification.model import Scene, Task, pixels_task
 from symcal.least_squares import Tolerances
 from symcal.robot import Robot
 from symcal.units import LENGTH
-from symcal.yaml_dialect import parse_value
 
 Array = NDArray[np.float64]
 

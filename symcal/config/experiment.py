@@ -12,7 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from symcal.config.plan import Placement, PlanConfig
 from symcal.config.study import StudyConfig
-from symcal.documents import Strict
+from symcal.documents.document import Strict
 from symcal.units import ANGLE, LENGTH, AngleUnit, LengthUnit
 
 Positive = Annotated[float, Field(gt=0)]

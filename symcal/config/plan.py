@@ -13,7 +13,7 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
 from symcal.camera_files import Distortion, Intrinsics, Lens, Triangle
-from symcal.documents import Strict
+from symcal.documents.document import Strict
 from symcal.robot_schema import Frame
 from symcal.spatial import look_at
 

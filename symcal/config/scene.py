@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from symcal.config.plan import Placement
-from symcal.documents import Strict, read_document, validate
+from symcal.documents.document import Strict, read_document, validate
 from symcal.robot_schema import Units
 from symcal.units import ANGLE, LENGTH
 

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from symcal.camera_files import Intrinsics, Triangle
-from symcal.documents import Strict
+from symcal.documents.document import Strict
 from symcal.robot_schema import Frame
 
 _Positive = Annotated[float, Field(gt=0)]

@@ -21,9 +21,9 @@ from symcal.data.dataset import Dataset, Kind
 from symcal.data.notes import notes, unread
 from symcal.data.split import Split as Split
 from symcal.data.split import splits
+from symcal.documents.table import Table, joint_readings, read_table
 from symcal.errors import InputError
 from symcal.robot import Robot
-from symcal.table import Table, joint_readings, read_table
 from symcal.units import ANGLE, LENGTH, PIXEL, split_unit
 
 Array = NDArray[np.float64]

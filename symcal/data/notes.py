@@ -8,8 +8,8 @@ from difflib import get_close_matches
 import numpy as np
 
 from symcal.data.dataset import Dataset
+from symcal.documents.table import Table
 from symcal.robot import Robot
-from symcal.table import Table
 from symcal.units import split_unit
 from symcal.words import plural
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from symcal.documents.table import Table
 from symcal.errors import InputError
-from symcal.table import Table
 
 
 @dataclass(frozen=True, slots=True)

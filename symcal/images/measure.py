@@ -19,6 +19,7 @@ from threadpoolctl import ThreadpoolController
 from symcal import spatial
 from symcal.camera import Camera, Target
 from symcal.data.dataset import Dataset
+from symcal.documents.table import joint_readings, read_table
 from symcal.errors import InputError, RefusedError
 from symcal.identification.camera_placement import place_camera
 from symcal.identification.registration import rigid_fit
@@ -26,7 +27,6 @@ from symcal.kernels import batch_function
 from symcal.kinematics import chain, forward, frame_vector
 from symcal.parameters import parameter_set
 from symcal.robot import Robot
-from symcal.table import joint_readings, read_table
 from symcal.vision.failures import NotDetected
 from symcal.vision.images import read_image
 from symcal.vision.locate import Guess, locate_target

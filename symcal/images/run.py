@@ -16,7 +16,7 @@ from symcal.compensation.handover import true_robot
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, RenderedData, SimulatedData
 from symcal.data.dataset import Dataset
-from symcal.documents import Document
+from symcal.documents.document import Document
 from symcal.errors import InputError, RefusedError
 from symcal.identification.aligned import aligned_errors, centres, target_points
 from symcal.identification.estimation import Options

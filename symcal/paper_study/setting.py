@@ -10,7 +10,7 @@ from symcal.camera import Camera, Target
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, SimulatedData
 from symcal.config.study import Scene, StudyConfig
-from symcal.documents import Document
+from symcal.documents.document import Document
 from symcal.errors import RefusedError
 from symcal.identification.model import Model
 from symcal.identification.simulate import Noise

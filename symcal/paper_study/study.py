@@ -10,7 +10,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from symcal.config.conversion import ExperimentFile
-from symcal.documents import Document
+from symcal.documents.document import Document
 from symcal.errors import InputError
 from symcal.identification.estimation import Options
 from symcal.identification.model import Model

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from symcal.config.conversion import ExperimentFile
 from symcal.config.plan import PlanConfig
-from symcal.documents import Document
+from symcal.documents.document import Document
 from symcal.identification.model import Model
 from symcal.planning.area import draw
 from symcal.planning.band import RandomBand, random_band

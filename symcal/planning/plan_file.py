@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.documents.table import joint_readings, read_table
 from symcal.errors import InputError
 from symcal.planning.path import Path as Motion
 from symcal.robot import Robot
-from symcal.table import joint_readings, read_table
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, SimulatedData
 from symcal.config.plan import AreaRegion, BoxRegion
-from symcal.documents import Document, Key
+from symcal.documents.document import Document, Key
 from symcal.errors import RefusedError
 from symcal.identification.model import Model
 from symcal.planning.area import Feasible, WorkingArea

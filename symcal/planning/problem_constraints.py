@@ -14,7 +14,7 @@ from symcal.camera_files import CameraFile, ImageUnits, TargetFile, read_camera,
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile
 from symcal.config.plan import CameraConstraint, KeepOutBox, KeepOutPlane
-from symcal.documents import Document, Key
+from symcal.documents.document import Document, Key
 from symcal.errors import InputError
 from symcal.identification.model import Model, Scene
 from symcal.planning.camera_view import CameraView, camera_view

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal import kinematics, spatial
+from symcal.documents.table import joint_readings, read_table
 from symcal.errors import InputError
 from symcal.kernels import BatchFunction, batch_function
 from symcal.kinematics import frame_vector
@@ -24,7 +25,6 @@ from symcal.planning.area import Feasible, Mask, WorkingArea, draw
 from symcal.planning.information import PoseInformation
 from symcal.planning.rows import SubspaceRows, subspace_rows
 from symcal.robot import Robot
-from symcal.table import joint_readings, read_table
 
 Array = NDArray[np.float64]
 

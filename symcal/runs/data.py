@@ -12,7 +12,7 @@ from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, FileData, SimulatedData
 from symcal.data.dataset import Dataset, with_random_test
 from symcal.data.measurement_file import load_measurements
-from symcal.documents import Document
+from symcal.documents.document import Document
 from symcal.errors import InputError
 from symcal.identification.model import Model
 from symcal.identification.simulate import Noise, concatenate, simulate

@@ -14,7 +14,7 @@ from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, FileData, RenderedData, SimulatedData
 from symcal.data.dataset import Dataset
 from symcal.data.measurement_file import save_measurements
-from symcal.documents import Document, write_document
+from symcal.documents.document import Document, write_document
 from symcal.errors import InputError, RefusedError
 from symcal.export.results import correction_facts, handover_facts
 from symcal.identification import results

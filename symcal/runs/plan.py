@@ -10,7 +10,8 @@ from typing import Any
 import pandas as pd
 
 from symcal.config import conversion as config
-from symcal.documents import write_document
+from symcal.documents.document import write_document
+from symcal.documents.table import read_table
 from symcal.identification import results
 from symcal.planning.findings import PlanFindings, find
 from symcal.planning.plan_file import write_plan, write_waypoints
@@ -26,7 +27,6 @@ from symcal.planning.results import (
 )
 from symcal.runs.experiment import Experiment, load
 from symcal.runs.folder import run_folder, write_json
-from symcal.table import read_table
 
 Progress = Callable[[str], None]
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from symcal.compensation.handover import POSES, Handover, hand_over, true_robot
 from symcal.data.measurement_file import save_measurements
-from symcal.documents import write_document
+from symcal.documents.document import write_document
 from symcal.export.corrections import corrections
 from symcal.export.results import correction_facts, handover_facts
 from symcal.identification import results

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from symcal.data.measurement_file import load_measurements
+from symcal.documents.table import read_table
 from symcal.errors import InputError
 from symcal.identification import results
 from symcal.identification.estimation import Options
@@ -20,7 +21,6 @@ from symcal.identification.model import Model, Part, State, Task, build_model, p
 from symcal.identification.scene_record import recorded_scene
 from symcal.robot import Robot, load_robot
 from symcal.runs.folder import run_folder, write_json
-from symcal.table import read_table
 
 _PARTS: tuple[Part, ...] = ("base", "tool", "points", "camera")
 

@@ -16,8 +16,8 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
+from symcal.documents.yaml_dialect import TAG, Dumper, Loader
 from symcal.errors import InputError
-from symcal.yaml_dialect import TAG, Dumper, Loader
 
 Key = tuple[str | int, ...]
 Model = TypeVar("Model", bound=BaseModel)

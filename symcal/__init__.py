@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from symcal.compensation.compensate import compensate as compensate
     from symcal.compensation.targets import commanded as commanded
     from symcal.compensation.targets import wanted as wanted
-    from symcal.conventions import convert as convert
     from symcal.data.dataset import Dataset as Dataset
     from symcal.data.measurement_file import load_measurements as load_measurements
     from symcal.data.measurement_file import save_measurements as save_measurements
@@ -53,27 +52,28 @@ if TYPE_CHECKING:
     from symcal.planning.information import pose_information as pose_information
     from symcal.planning.search import select_poses as select_poses
     from symcal.report import write_report as write_report
-    from symcal.robot import (
+    from symcal.robot.conventions import convert as convert
+    from symcal.robot.robot import (
         Joint as Joint,
     )
-    from symcal.robot import (
+    from symcal.robot.robot import (
         Link as Link,
     )
-    from symcal.robot import (
+    from symcal.robot.robot import (
         Robot as Robot,
     )
-    from symcal.robot import (
+    from symcal.robot.robot import (
         load_robot as load_robot,
     )
-    from symcal.robot import (
+    from symcal.robot.robot import (
         save_robot as save_robot,
     )
+    from symcal.robot.urdf import load_urdf as load_urdf
     from symcal.runs.experiment import run as run
-    from symcal.urdf import load_urdf as load_urdf
 
 _HOME = {
     "compensate": "compensation.compensate",
-    "convert": "conventions",
+    "convert": "robot.conventions",
     "Dataset": "data.dataset",
     "InputError": "errors",
     "RefusedError": "errors",
@@ -96,16 +96,16 @@ _HOME = {
     "pose_information": "planning.information",
     "select_poses": "planning.search",
     "write_report": "report",
-    "Joint": "robot",
-    "Link": "robot",
-    "Robot": "robot",
-    "load_robot": "robot",
-    "save_robot": "robot",
+    "Joint": "robot.robot",
+    "Link": "robot.robot",
+    "Robot": "robot.robot",
+    "load_robot": "robot.robot",
+    "save_robot": "robot.robot",
     "Noise": "identification.simulate",
     "simulate": "identification.simulate",
     "commanded": "compensation.targets",
     "wanted": "compensation.targets",
-    "load_urdf": "urdf",
+    "load_urdf": "robot.urdf",
 }
 """Where each public name lives; modules are loaded when a name is first used, so that `import symcal` costs nothing."""
 

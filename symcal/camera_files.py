@@ -14,7 +14,7 @@ from symcal import spatial
 from symcal.camera import INTRINSIC_NAMES, Camera, Target
 from symcal.documents.document import Document, Strict, read_document, validate, write_document
 from symcal.errors import InputError
-from symcal.robot_schema import Frame, Units
+from symcal.robot.schema import Frame, Units
 from symcal.units import ANGLE, LENGTH
 
 _Positive = Annotated[float, Field(gt=0)]

@@ -165,7 +165,7 @@ def check(
 ) -> None:
     """Validate a file; print the model and what is identifiable."""
     from symcal.documents.document import read_document
-    from symcal.robot import load_robot
+    from symcal.robot.robot import load_robot
     from symcal.runs import experiment as runs
     from symcal.runs.check import check_model, check_robot
 
@@ -215,7 +215,7 @@ def compensate(
     from symcal.compensation.compensate import write_joints
     from symcal.compensation.targets import read_targets
     from symcal.errors import InputError
-    from symcal.robot import load_robot
+    from symcal.robot.robot import load_robot
     from symcal.runs.folder import require_place
 
     require_place(out)
@@ -249,7 +249,7 @@ def export(
 ) -> None:
     """Hand a calibrated robot over: C code for the controller, URDF, or JSON with the table of corrections."""
     from symcal.export import FORMATS, export_robot
-    from symcal.robot import load_robot
+    from symcal.robot.robot import load_robot
 
     if to not in FORMATS:
         from symcal.errors import InputError
@@ -275,9 +275,9 @@ def import_(
     out: Annotated[Path, typer.Option("--out", metavar="YAML", help="robot file")] = Path("robot.yaml"),
 ) -> None:
     """Read a URDF chain as a robot file."""
-    from symcal.robot import save_robot
+    from symcal.robot.robot import save_robot
+    from symcal.robot.urdf import load_urdf
     from symcal.runs.folder import require_place
-    from symcal.urdf import load_urdf
 
     require_place(out)
 
@@ -296,7 +296,7 @@ def schema(
 
     from symcal.config.conversion import ExperimentFile
     from symcal.errors import InputError
-    from symcal.robot_schema import RobotFile
+    from symcal.robot.schema import RobotFile
 
     models: dict[str, Any] = {"experiment": ExperimentFile, "robot": RobotFile}
     if kind not in models:

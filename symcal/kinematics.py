@@ -19,16 +19,10 @@ from numpy.typing import NDArray
 
 from symcal import spatial
 from symcal.parameters import FRAME_AXES, ParameterSet
-from symcal.robot import Convention, Link, Robot, is_angle
+from symcal.robot.robot import ELEMENTS, Convention, Link, Robot, is_angle
 
 SX = ca.SX
 Array = NDArray[np.float64]
-
-# The elementary motions of a link transform, in the order in which they multiply: (parameter, axis).
-ELEMENTS: dict[Convention, tuple[tuple[str, int], ...]] = {
-    "standard": (("theta", 2), ("d", 2), ("a", 0), ("alpha", 0), ("beta", 1)),
-    "craig": (("alpha", 0), ("a", 0), ("beta", 1), ("theta", 2), ("d", 2)),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +135,7 @@ class _Walk:
 def chain(robot: Robot, parameters: ParameterSet) -> Chain:
     """Build the symbolic kinematics of a robot for a parameter set.
 
-    T_world_tool = base * base increment * T_1 ... T_n * tool * tool increment; see `symcal.robot` for T_i.
+    T_world_tool = base * base increment * T_1 ... T_n * tool * tool increment; see `symcal.robot.robot` for T_i.
     """
     q, x = SX.sym("q", robot.dof), SX.sym("x", len(parameters))
     frames = SX.sym("frames", 24)

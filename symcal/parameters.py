@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from symcal.camera import INTRINSIC_NAMES, Camera
 from symcal.errors import InputError
-from symcal.robot import Robot, is_angle
+from symcal.robot.robot import Robot, is_angle
 
 Array = NDArray[np.float64]
 Unit = Literal["mm", "rad", "px", "1"]

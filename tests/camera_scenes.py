@@ -13,7 +13,7 @@ from symcal.camera import Camera, Target, in_image, project_points
 from symcal.identification.model import Model, Scene, build_model, pixels_task
 from symcal.identification.scene_placement import flange_poses
 from symcal.measurements import Setup
-from symcal.robot import Robot, load_robot
+from symcal.robot.robot import Robot, load_robot
 
 ROBOT: Robot = load_robot(Path(__file__).parents[1] / "configs" / "robots" / "handling_robot.yaml")
 

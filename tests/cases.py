@@ -11,7 +11,7 @@ import numpy as np
 from symcal.data.dataset import Dataset
 from symcal.identification.model import Model, Task, build_model
 from symcal.identification.simulate import Noise, simulate
-from symcal.robot import Joint, Link, Robot, load_robot
+from symcal.robot.robot import Joint, Link, Robot, load_robot
 
 ROBOTS = Path(__file__).resolve().parent.parent / "configs" / "robots"
 

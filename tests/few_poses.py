@@ -25,7 +25,7 @@ from symcal.identification.identify import Calibration, calibrate
 from symcal.identification.model import Model, Task, build_model
 from symcal.identification.simulate import Noise, simulate
 from symcal.measurements import Setup
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 
 SPECTRA = {
     "independent": None,

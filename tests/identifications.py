@@ -15,7 +15,7 @@ from symcal.identification.evaluate import Errors, compare, expected_position_rm
 from symcal.identification.identify import Calibration, baseline_model, calibrate
 from symcal.identification.model import Task, build_model
 from symcal.identification.simulate import Noise, concatenate, simulate
-from symcal.robot import load_robot
+from symcal.robot.robot import load_robot
 
 
 def simulated(

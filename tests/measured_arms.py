@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from symcal.identification.model import Task, build_model
 from symcal.identification.simulate import Noise, simulate
-from symcal.robot import Convention, Joint, Link, Robot, save_robot
+from symcal.robot.robot import Convention, Joint, Link, Robot, save_robot
 
 NOISE = 0.05  # mm, per axis
 POINTS = {"SMR1": (60.0, 10.0, 130.0), "SMR2": (-45.0, 50.0, 90.0)}

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from symcal.robot import LINK_PARAMETERS, Convention, Joint, Link, Record, Robot, is_angle
+from symcal.robot.robot import LINK_PARAMETERS, Convention, Joint, Link, Record, Robot, is_angle
 
 
 def random_frame(rng: np.random.Generator, size: float = 500.0) -> np.ndarray:

@@ -18,8 +18,8 @@ from symcal.cli import main
 from symcal.compensation.compensate import REACHED
 from symcal.compensation.targets import tool_pose
 from symcal.kernels.batch import batch_function
-from symcal.robot import Record, Robot, load_robot, save_robot
-from symcal.urdf import load_urdf
+from symcal.robot.robot import Record, Robot, load_robot, save_robot
+from symcal.robot.urdf import load_urdf
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import yaml
 
 from symcal.config import conversion as config
 from symcal.errors import InputError
-from symcal.robot import load_robot
+from symcal.robot.robot import load_robot
 from symcal.runs.experiment import load
 
 ROBOT = """\

@@ -22,7 +22,7 @@ from symcal.identification.model import Model, Task, build_model
 from symcal.identification.rows import rows_of
 from symcal.identification.whitened import FREEDOM
 from symcal.least_squares import Tolerances
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 from symcal.solvers import SOLVERS
 
 SIGMA = 0.0577

@@ -17,7 +17,7 @@ from symcal.identification.identify import identify
 from symcal.identification.model import Task
 from symcal.kinematics import chain, forward, frame_vector
 from symcal.parameters import parameter_set
-from symcal.robot import load_robot
+from symcal.robot.robot import load_robot
 from symcal.runs.experiment import run
 
 PLAIN = ("outputs.report=false", "outputs.figures=false")

@@ -22,7 +22,7 @@ from symcal.identification.model import Model, Task, build_model
 from symcal.identification.rows import rows_of
 from symcal.identification.simulate import Noise, simulate
 from symcal.identification.whitened import FREEDOM
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 from symcal.runs.data import measurements
 from symcal.runs.experiment import load
 

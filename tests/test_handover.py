@@ -23,7 +23,7 @@ from symcal.kernels.batch import batch_function
 from symcal.plots.handover import handover_figures
 from symcal.report import save_figures
 from symcal.report.handover import handover_text
-from symcal.robot import Record, Robot
+from symcal.robot.robot import Record, Robot
 from symcal.runs.experiment import run
 
 

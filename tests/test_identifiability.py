@@ -14,7 +14,7 @@ from scipy.linalg import null_space, subspace_angles
 from symcal.identification.identifiability import Identifiability, analyse, decompose, numerical_rank, sparse_basis
 from symcal.identification.model import Task, build_model
 from symcal.parameters import Parameter, ParameterSet
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 
 RNG = np.random.default_rng(8)
 

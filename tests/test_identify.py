@@ -21,7 +21,7 @@ from symcal.identification.identify import Calibration, baseline_model, calibrat
 from symcal.identification.model import Model, State, Task, build_model
 from symcal.identification.placement import place, stated
 from symcal.identification.simulate import Noise, simulate
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 from symcal.solvers import SOLVERS
 from symcal.spatial import inverse, transform
 

@@ -13,7 +13,7 @@ import yaml
 from symcal.camera import Board, Camera, project_points
 from symcal.data.measurement_file import load_measurements
 from symcal.errors import InputError
-from symcal.robot import load_robot
+from symcal.robot.robot import load_robot
 from symcal.runs import experiment
 from symcal.runs.validate import validate_robot
 from symcal.vision.board_views import board_views

@@ -16,7 +16,7 @@ from strategies import generators, random_robot, readings
 
 from symcal.kinematics import chain, forward, frame_vector, function, omegas, stack
 from symcal.parameters import ParameterSet, parameter_set
-from symcal.robot import Joint, Link, Robot, is_angle, load_robot
+from symcal.robot.robot import Joint, Link, Robot, is_angle, load_robot
 
 TOOLS = st.sampled_from(["frame", "position", None])
 

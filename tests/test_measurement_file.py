@@ -12,7 +12,7 @@ from strategies import generators, random_robot
 from symcal.data.dataset import Dataset, with_random_test
 from symcal.data.measurement_file import Split, load_measurements, save_measurements
 from symcal.errors import InputError
-from symcal.robot import Joint, Link, Robot
+from symcal.robot.robot import Joint, Link, Robot
 
 labels = st.text(st.characters(codec="utf-8", exclude_categories=["C", "Z"]), min_size=1, max_size=6).filter(
     lambda text: not text.startswith("#")

@@ -17,7 +17,7 @@ from symcal import measurements
 from symcal.kinematics import chain
 from symcal.measurements import Measurement, Setup
 from symcal.parameters import parameter_set
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 from symcal.spatial import inverse, pose_matrix
 
 KINDS = ("position", "points", "pose", "inverted")

@@ -12,7 +12,7 @@ from strategies import robots
 from symcal.camera import INTRINSIC_NAMES, Camera
 from symcal.errors import InputError
 from symcal.parameters import Parameter, ParameterSet, parameter_set
-from symcal.robot import Joint, Link, Robot
+from symcal.robot.robot import Joint, Link, Robot
 
 ROBOT = Robot(
     "two",

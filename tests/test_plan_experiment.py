@@ -18,7 +18,7 @@ from symcal.planning.plan_file import read_plan
 from symcal.planning.planned import find_plan, plan_generator
 from symcal.planning.problem import plan_problem
 from symcal.planning.results import constraint_facts, order_facts
-from symcal.robot import load_robot
+from symcal.robot.robot import load_robot
 from symcal.runs.experiment import load, run
 from symcal.runs.plan import plan_experiment, run_plan
 

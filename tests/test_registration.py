@@ -16,7 +16,7 @@ from symcal.identification.registration import Registration, hand_eye, register,
 from symcal.kernels import batch_function
 from symcal.kinematics import chain, forward, frame_vector
 from symcal.parameters import ParameterSet
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 from symcal.spatial import transform
 
 POINTS = np.array([[60.0, 0.0, 120.0], [0.0, 80.0, 120.0], [-40.0, 0.0, 180.0]])

@@ -28,7 +28,7 @@ from symcal.errors import InputError, RefusedError
 from symcal.kernels.batch import BatchFunction, batch_function
 from symcal.kinematics import chain, function, omegas, stack
 from symcal.parameters import parameter_set
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 
 SX = ca.SX
 Array = NDArray[np.float64]

@@ -23,7 +23,7 @@ from symcal.identification.evaluate import Errors
 from symcal.identification.model import Model
 from symcal.identification.registration import rigid_fit
 from symcal.kernels.batch import batch_function
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from symcal.errors import InputError, RefusedError
 from symcal.kernels.batch import batch_function
 from symcal.kinematics import Chain, chain, frame_vector, function
 from symcal.parameters import ParameterSet
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 from symcal.units import ANGLE, LENGTH
 
 Array = NDArray[np.float64]

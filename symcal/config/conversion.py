@@ -25,7 +25,7 @@ from symcal.errors import InputError
 from symcal.identification.estimation import Options
 from symcal.identification.model import Scene, Task, pixels_task
 from symcal.least_squares import Tolerances
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 from symcal.units import LENGTH
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ from pydantic_core import PydanticCustomError
 
 from symcal.camera_files import Distortion, Intrinsics, Lens, Triangle
 from symcal.documents.document import Strict
-from symcal.robot_schema import Frame
+from symcal.robot.schema import Frame
 from symcal.spatial import look_at
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from symcal.config.plan import Placement
 from symcal.documents.document import Strict, read_document, validate
-from symcal.robot_schema import Units
+from symcal.robot.schema import Units
 from symcal.units import ANGLE, LENGTH
 
 Array = NDArray[np.float64]

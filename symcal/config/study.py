@@ -12,7 +12,7 @@ from pydantic import Field
 
 from symcal.camera_files import Intrinsics, Triangle
 from symcal.documents.document import Strict
-from symcal.robot_schema import Frame
+from symcal.robot.schema import Frame
 
 _Positive = Annotated[float, Field(gt=0)]
 _NotNegative = Annotated[float, Field(ge=0)]

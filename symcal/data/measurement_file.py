@@ -23,7 +23,7 @@ from symcal.data.split import Split as Split
 from symcal.data.split import splits
 from symcal.documents.table import Table, joint_readings, read_table
 from symcal.errors import InputError
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 from symcal.units import ANGLE, LENGTH, PIXEL, split_unit
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ import numpy as np
 
 from symcal.data.dataset import Dataset
 from symcal.documents.table import Table
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 from symcal.units import split_unit
 from symcal.words import plural
 

@@ -11,7 +11,7 @@ from symcal.export.corrections import corrections
 from symcal.export.gate import Doubt, check_exportable, doubts
 from symcal.export.json import robot_json, save_json
 from symcal.export.urdf import save_urdf
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 
 FORMATS = ("c", "urdf", "json")
 

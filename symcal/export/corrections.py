@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from symcal.export.urdf import roll_pitch_yaw
 from symcal.parameters import FRAME_AXES
-from symcal.robot import Joint, Robot, is_angle
+from symcal.robot.robot import Joint, Robot, is_angle
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ import numpy as np
 from symcal.export.c import CExport, export_c
 from symcal.export.c.check import CCheck, check_c
 from symcal.export.gate import Doubt, doubts
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ import numpy as np
 from symcal.errors import RefusedError
 from symcal.export.json import parameter_unit
 from symcal.parameters import SCALE
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 
 IMPLAUSIBLE = 10.0
 """Plausible scales beyond which a link parameter's error is taken for a mistake: 10 mm, 0.1 rad by default."""

@@ -11,7 +11,7 @@ import pandas as pd
 
 from symcal.errors import InputError
 from symcal.export.corrections import corrections
-from symcal.robot import Joint, Robot, frame_entry, is_angle
+from symcal.robot.robot import Joint, Robot, frame_entry, is_angle
 
 SCHEMA = "symcal/robot-json/1"
 

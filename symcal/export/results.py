@@ -14,7 +14,7 @@ from symcal.export.delivery import Delivery, example
 from symcal.export.gate import doubts
 from symcal.identification.evaluate import Errors
 from symcal.identification.results import accuracy_facts
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 
 
 def correction_facts(robot: Robot) -> dict[str, Any]:

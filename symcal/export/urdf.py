@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.conventions import placements
 from symcal.errors import InputError, RefusedError
-from symcal.robot import Joint, Robot
+from symcal.robot.conventions import placements
+from symcal.robot.robot import Joint, Robot
 
 Array = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from symcal.identification.placement import stated
 from symcal.identification.rows import rows_of
 from symcal.identification.scene_record import scene_record
 from symcal.measurements import Setup
-from symcal.robot import Record, Robot
+from symcal.robot.robot import Record, Robot
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from symcal.kernels import BatchFunction, batch_function
 from symcal.kinematics import chain, forward
 from symcal.measurements import Measurement, Setup
 from symcal.parameters import ParameterSet, parameter_set
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
 Part = Literal["base", "tool", "points", "camera", "intrinsics"]

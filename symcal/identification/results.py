@@ -23,7 +23,7 @@ from symcal.identification.identify import Calibration
 from symcal.identification.model import Task
 from symcal.measurements import Setup
 from symcal.parameters import ParameterSet
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 
 SCHEMA = "symcal/results/1"
 

@@ -26,7 +26,7 @@ from symcal.identification.registration import rigid_fit
 from symcal.kernels import batch_function
 from symcal.kinematics import chain, forward, frame_vector
 from symcal.parameters import parameter_set
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 from symcal.vision.failures import NotDetected
 from symcal.vision.images import read_image
 from symcal.vision.locate import Guess, locate_target

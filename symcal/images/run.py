@@ -31,7 +31,7 @@ from symcal.images.rendered import Example, RenderedImages, calibrate_rendered, 
 from symcal.planning.area import draw
 from symcal.planning.planned import Planned, find_plan, plan_generator
 from symcal.planning.problem import PlanProblem, plan_problem
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 from symcal.vision.calibrate import CameraCalibration
 from symcal.vision.images import Image
 from symcal.vision.render import Look

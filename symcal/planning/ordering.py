@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import InputError
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

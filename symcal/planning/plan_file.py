@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from symcal.documents.table import joint_readings, read_table
 from symcal.errors import InputError
 from symcal.planning.path import Path as Motion
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
 

@@ -24,7 +24,7 @@ from symcal.planning.plan_file import read_plan
 from symcal.planning.problem_constraints import clearance, own_camera, separate_camera
 from symcal.planning.region import TaskRegion, area_region, box_region, csv_region
 from symcal.planning.skeleton import Skeleton, skeleton
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
 

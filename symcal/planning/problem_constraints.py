@@ -22,8 +22,8 @@ from symcal.planning.clearance import keep_out, plane
 from symcal.planning.constraints import Constraint
 from symcal.planning.skeleton import Skeleton
 from symcal.planning.visibility import visibility
-from symcal.robot_schema import Frame
-from symcal.robot_schema import Units as FrameUnits
+from symcal.robot.schema import Frame
+from symcal.robot.schema import Units as FrameUnits
 from symcal.units import ANGLE, LENGTH
 
 Array = NDArray[np.float64]

@@ -19,7 +19,7 @@ from symcal.planning.problem import PlanProblem
 from symcal.planning.promise import PosesNeeded, Promise
 from symcal.planning.sampling import feasible_shares
 from symcal.planning.search import Plan
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
 

@@ -27,7 +27,7 @@ from symcal.plots.style import (
     settle,
     sheet,
 )
-from symcal.robot_schema import Frame
+from symcal.robot.schema import Frame
 from symcal.words import fixed, plural
 
 Array = NDArray[np.float64]

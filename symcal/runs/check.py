@@ -12,7 +12,7 @@ from symcal.identification.model import Model, Task, build_model
 from symcal.kernels import batch_function
 from symcal.kinematics import chain, forward, frame_vector
 from symcal.parameters import parameter_set
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
 

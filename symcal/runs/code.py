@@ -10,7 +10,7 @@ import numpy as np
 
 from symcal.export.delivery import deliver_c
 from symcal.export.results import code_facts
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 
 
 def with_code(content: Mapping[str, Any], robot: Robot, folder: Path, seed: int) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from symcal.errors import InputError
 from symcal.identification.model import Model
 from symcal.identification.simulate import Noise, concatenate, simulate
 from symcal.planning.planned import Planned
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 
 
 @dataclass(frozen=True, slots=True)

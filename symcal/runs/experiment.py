@@ -29,7 +29,7 @@ from symcal.planning.plan_file import write_plan
 from symcal.planning.planned import Planned, find_plan, plan_generator
 from symcal.planning.problem import plan_problem
 from symcal.planning.promised import promise_kept
-from symcal.robot import Robot, load_robot, save_robot
+from symcal.robot.robot import Robot, load_robot, save_robot
 from symcal.runs.check import parallel_axes
 from symcal.runs.code import with_code
 from symcal.runs.data import measurements

@@ -10,7 +10,7 @@ from symcal.camera_files import read_camera, read_target
 from symcal.config.scene import read_scene
 from symcal.data.measurement_file import save_measurements
 from symcal.images.measure import Measured, measure_images, read_shots
-from symcal.robot import load_robot
+from symcal.robot.robot import load_robot
 from symcal.runs.camera import image_files
 
 

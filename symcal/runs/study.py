@@ -21,7 +21,7 @@ from symcal.paper_study.study import run_study
 from symcal.paper_study.surroundings import surroundings
 from symcal.paper_study.tables import study_tables
 from symcal.planning.plan_file import write_plan, write_waypoints
-from symcal.robot import Robot, save_robot
+from symcal.robot.robot import Robot, save_robot
 from symcal.runs.code import with_code
 from symcal.runs.experiment import Experiment
 from symcal.runs.folder import run_folder, write_json

@@ -19,7 +19,7 @@ from symcal.identification.evaluate import Errors, evaluate
 from symcal.identification.identify import place
 from symcal.identification.model import Model, Part, State, Task, build_model, pixels_task
 from symcal.identification.scene_record import recorded_scene
-from symcal.robot import Robot, load_robot
+from symcal.robot.robot import Robot, load_robot
 from symcal.runs.folder import run_folder, write_json
 
 _PARTS: tuple[Part, ...] = ("base", "tool", "points", "camera")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from symcal.robot import Record, Robot, load_robot
+from symcal.robot.robot import Record, Robot, load_robot
 
 ROBOTS = Path(__file__).resolve().parents[2] / "configs" / "robots"
 

@@ -9,7 +9,7 @@ from c_robots import handling
 from symcal.export.c import CExport, export_c
 from symcal.export.c.check import CLibrary, build_library
 from symcal.kernels.compile import find_compiler
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 
 
 @pytest.fixture(scope="session")

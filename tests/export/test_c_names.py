@@ -18,7 +18,7 @@ from strategies import random_robot
 from symcal.errors import InputError, RefusedError
 from symcal.export.c import MANIFEST, export_c
 from symcal.export.c.names import LENGTH, identifier, identifiers, printable
-from symcal.robot import Joint, Link, Robot
+from symcal.robot.robot import Joint, Link, Robot
 
 # ---------------------------------------------------------------------------------------------------- names and numbers
 

@@ -17,7 +17,7 @@ from symcal.export.c.check import check_c
 from symcal.export.delivery import deliver_c, example
 from symcal.export.results import code_facts
 from symcal.report.handover import handover_text
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 
 PROGRAM = """
 {include}

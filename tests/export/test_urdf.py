@@ -15,13 +15,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from symcal import spatial
-from symcal.conventions import convert, craig_robot
 from symcal.errors import InputError, RefusedError
 from symcal.export.urdf import roll_pitch_yaw, save_urdf, urdf_text
 from symcal.kinematics import chain, forward, frame_vector
 from symcal.parameters import ParameterSet, parameter_set
-from symcal.robot import Joint, Record, Robot, load_robot
-from symcal.urdf import load_urdf
+from symcal.robot.conventions import convert, craig_robot
+from symcal.robot.robot import Joint, Record, Robot, load_robot
+from symcal.robot.urdf import load_urdf
 
 SCARA = """<?xml version="1.0"?>
 <robot name="scara">

@@ -12,7 +12,7 @@ from study_case import CONFIG, experiment, outcome
 from symcal.errors import InputError, RefusedError
 from symcal.paper_study import published
 from symcal.paper_study.simulation_1 import recover
-from symcal.robot import load_robot
+from symcal.robot.robot import load_robot
 from symcal.runs.experiment import load, run
 from symcal.runs.study import study_experiment, write
 

@@ -12,7 +12,7 @@ from symcal.kinematics import Chain, chain
 from symcal.measurements import Setup
 from symcal.parameters import parameter_set
 from symcal.planning.camera_view import CameraView, camera_view, look_at
-from symcal.robot import Robot, load_robot
+from symcal.robot.robot import Robot, load_robot
 
 ROBOT = Path(__file__).resolve().parents[2] / "configs" / "robots" / "handling_robot.yaml"
 

@@ -13,7 +13,7 @@ from symcal.measurements import Setup, pose, position
 from symcal.parameters import parameter_set
 from symcal.planning.area import working_area
 from symcal.planning.information import PoseInformation, pose_information
-from symcal.robot import Joint, Link, Robot, load_robot
+from symcal.robot.robot import Joint, Link, Robot, load_robot
 
 SIGMA = 0.1 / math.sqrt(3)
 """Standard deviation of noise uniform on [-0.1, 0.1] mm."""

@@ -14,7 +14,7 @@ from symcal.measurements import Setup, position
 from symcal.parameters import parameter_set
 from symcal.planning.area import draw, working_area
 from symcal.planning.information import pose_information
-from symcal.robot import load_robot
+from symcal.robot.robot import load_robot
 
 
 def test_handling_robot_shows_eleven_of_fifteen_to_positions():

@@ -17,7 +17,7 @@ from symcal.export.c.names import identifier
 from symcal.export.c.project import cost, project_files
 from symcal.export.c.source import Model, header, model_hash, source
 from symcal.export.c.vectors import self_test_vectors
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 
 MANIFEST = "symcal_export.json"
 SCHEMA = "symcal/c-export/1"

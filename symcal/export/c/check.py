@@ -18,7 +18,7 @@ from symcal.compensation.targets import tool_pose
 from symcal.export.c import CExport
 from symcal.kernels.batch import batch_function
 from symcal.kernels.compile import Compiler, find_compiler
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
 

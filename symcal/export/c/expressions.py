@@ -14,7 +14,7 @@ from symcal.errors import RefusedError
 from symcal.kernels.instructions import Constant, Instruction, Program, read_program
 from symcal.kinematics import chain, function, omegas, stack
 from symcal.parameters import parameter_set
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 
 SX = ca.SX
 

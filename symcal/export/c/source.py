@@ -18,7 +18,7 @@ from symcal.export.c.expressions import portable
 from symcal.export.c.names import identifiers, printable
 from symcal.kernels.instructions import Program, c_constant, c_statements, scalar_definitions
 from symcal.parameters import parameter_set
-from symcal.robot import Robot
+from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
 

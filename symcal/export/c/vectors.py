@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from symcal.compensation.compensate import LEVER, joint_caps
-from symcal.robot import Joint, Link, Robot
+from symcal.robot.robot import Joint, Link, Robot
 
 Array = NDArray[np.float64]
 

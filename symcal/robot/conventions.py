@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 
 from symcal import spatial
 from symcal.errors import RefusedError
-from symcal.kinematics import ELEMENTS
-from symcal.robot import Convention, Joint, Link, Robot, is_angle
+from symcal.robot.robot import ELEMENTS, Convention, Joint, Link, Robot, is_angle
 
 Array = NDArray[np.float64]
 

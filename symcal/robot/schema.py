@@ -1,6 +1,6 @@
 """What a robot file may say: its keys, their types, and the slips that can be told from the numbers.
 
-Angles and lengths here are still in the file's units; `symcal.robot` converts them.
+Angles and lengths here are still in the file's units; `symcal.robot.robot` converts them.
 """
 
 from __future__ import annotations

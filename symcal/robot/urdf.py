@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal import spatial
-from symcal.conventions import craig_robot
 from symcal.errors import InputError
-from symcal.robot import Joint, Robot
+from symcal.robot.conventions import craig_robot
+from symcal.robot.robot import Joint, Robot
 
 Array = NDArray[np.float64]
 

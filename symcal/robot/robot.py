@@ -21,14 +21,21 @@ from numpy.typing import NDArray
 from symcal import spatial
 from symcal.documents.document import write_document
 from symcal.errors import InputError
-from symcal.robot_schema import LINK_PARAMETERS, SCHEMA, Calibration, LinkEntry, read_robot_file
-from symcal.robot_schema import Convention as Convention
-from symcal.robot_schema import Frame as Frame
-from symcal.robot_schema import JointKind as JointKind
-from symcal.robot_schema import is_angle as is_angle
+from symcal.robot.schema import LINK_PARAMETERS, SCHEMA, Calibration, LinkEntry, read_robot_file
+from symcal.robot.schema import Convention as Convention
+from symcal.robot.schema import Frame as Frame
+from symcal.robot.schema import JointKind as JointKind
+from symcal.robot.schema import is_angle as is_angle
 from symcal.units import ANGLE, LENGTH, AngleUnit, LengthUnit
 
 Array = NDArray[np.float64]
+
+
+# The elementary motions of a link transform, in the order in which they multiply: (parameter, axis).
+ELEMENTS: dict[Convention, tuple[tuple[str, int], ...]] = {
+    "standard": (("theta", 2), ("d", 2), ("a", 0), ("alpha", 0), ("beta", 1)),
+    "craig": (("alpha", 0), ("a", 0), ("beta", 1), ("theta", 2), ("d", 2)),
+}
 
 
 @dataclass(frozen=True, slots=True)

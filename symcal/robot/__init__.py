@@ -1,0 +1,1 @@
+"""A serial robot: its data, its file, its link conventions, and URDF."""

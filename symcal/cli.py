@@ -92,7 +92,7 @@ def camera(
     quiet: Quiet = False,
 ) -> None:
     """Calibrate a camera from images of a board, and judge the calibration."""
-    from symcal.camera import parse_board
+    from symcal.camera.board import parse_board
     from symcal.runs.camera import calibrate_from_images, camera_content
     from symcal.runs.folder import require_place
 

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.camera import INTRINSIC_NAMES, Camera
+from symcal.camera.camera import INTRINSIC_NAMES, Camera
 from symcal.errors import InputError
 from symcal.robot.robot import Robot, is_angle
 

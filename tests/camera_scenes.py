@@ -9,7 +9,8 @@ from cases import TABLE_III
 from scipy.spatial.transform import Rotation
 
 from symcal import spatial
-from symcal.camera import Camera, Target, in_image, project_points
+from symcal.camera.camera import Camera, in_image, project_points
+from symcal.camera.target import Target
 from symcal.identification.model import Model, Scene, build_model, pixels_task
 from symcal.identification.scene_placement import flange_poses
 from symcal.measurements import Setup

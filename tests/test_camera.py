@@ -9,18 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from symcal.camera import (
-    INTRINSIC_NAMES,
-    Board,
-    Camera,
-    Target,
-    fold_radius,
-    in_image,
-    parse_board,
-    project,
-    project_points,
-    rays,
-)
+from symcal.camera.board import Board, parse_board
+from symcal.camera.camera import INTRINSIC_NAMES, Camera, fold_radius, in_image, project, project_points, rays
+from symcal.camera.target import Target
 from symcal.errors import InputError
 
 CAMERAS = {

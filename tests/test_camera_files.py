@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from symcal.camera import Camera, Target
-from symcal.camera_files import (
+from symcal.camera.camera import Camera
+from symcal.camera.files import (
     camera_from_dict,
     camera_to_dict,
     read_camera,
@@ -16,6 +16,7 @@ from symcal.camera_files import (
     write_camera,
     write_target,
 )
+from symcal.camera.target import Target
 from symcal.errors import InputError
 
 

@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from symcal import spatial
-from symcal.camera import Board, Camera
-from symcal.camera_files import read_camera, write_camera, write_target
+from symcal.camera.board import Board
+from symcal.camera.camera import Camera
+from symcal.camera.files import read_camera, write_camera, write_target
 from symcal.cli import app
 from symcal.config.scene import read_scene
 from symcal.data.measurement_file import load_measurements

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 import yaml
 
-from symcal.camera import Board, Camera, project_points
+from symcal.camera.board import Board
+from symcal.camera.camera import Camera, project_points
 from symcal.data.measurement_file import load_measurements
 from symcal.errors import InputError
 from symcal.robot.robot import load_robot

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from camera_scenes import ROBOT, T_WORLD_CAMERA, TRUTH, poses, small_camera, target, target_poses
 
-from symcal.camera import Target, project_points
+from symcal.camera.camera import project_points
+from symcal.camera.target import Target
 from symcal.errors import InputError, RefusedError
 from symcal.identification.model import Scene, build_model, pixels_task
 from symcal.images.measure import Shot, measure_images, read_shots

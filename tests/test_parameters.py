@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from strategies import robots
 
-from symcal.camera import INTRINSIC_NAMES, Camera
+from symcal.camera.camera import INTRINSIC_NAMES, Camera
 from symcal.errors import InputError
 from symcal.parameters import Parameter, ParameterSet, parameter_set
 from symcal.robot.robot import Joint, Link, Robot

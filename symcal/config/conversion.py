@@ -12,7 +12,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from symcal.camera_files import read_camera, read_target
+from symcal.camera.files import read_camera, read_target
 from symcal.config.experiment import ExperimentFile as ExperimentFile
 from symcal.config.experiment import FileData as FileData
 from symcal.config.experiment import RenderedData as RenderedData

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
-from symcal.camera_files import Distortion, Intrinsics, Lens, Triangle
+from symcal.camera.files import Distortion, Intrinsics, Lens, Triangle
 from symcal.documents.document import Strict
 from symcal.robot.schema import Frame
 from symcal.spatial import look_at

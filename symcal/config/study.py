@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from symcal.camera_files import Intrinsics, Triangle
+from symcal.camera.files import Intrinsics, Triangle
 from symcal.documents.document import Strict
 from symcal.robot.schema import Frame
 

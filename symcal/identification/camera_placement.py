@@ -1,6 +1,6 @@
 """First values of the camera's pose and of the target's mount, found from image points with the nominal robot.
 
-Every pose gives up to four poses of the target in the camera ([Ding2017] eq. 5, `symcal.vision.p3p`), of which one is
+Every pose gives up to four poses of the target in the camera ([Ding2017] eq. 5, `symcal.camera.p3p`), of which one is
 true. With measured_i = B flange_i X, B = T_camera_base and X = T_flange_target, three poses with one choice each give
 B and X in closed form (`registration.hand_eye`); the right choice is the one that the image points of all poses
 agree with. Where it is not known either which disc is which, every labelling is a choice more. The consensus search is
@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal import spatial
-from symcal.camera import Camera, Target, project_points
+from symcal.camera.camera import Camera, project_points
+from symcal.camera.p3p import solve_p3p_batch
+from symcal.camera.target import Target
 from symcal.errors import RefusedError
 from symcal.identification.registration import hand_eye
-from symcal.vision.p3p import solve_p3p_batch
 
 Array = NDArray[np.float64]
 

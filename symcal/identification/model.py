@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal import measurements
-from symcal.camera import INTRINSIC_NAMES, Camera, Target
+from symcal.camera.camera import INTRINSIC_NAMES, Camera
+from symcal.camera.target import Target
 from symcal.errors import InputError
 from symcal.identification.rows import residual_kernel
 from symcal.kernels import BatchFunction, batch_function

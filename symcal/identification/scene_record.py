@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal import spatial
-from symcal.camera import INTRINSIC_NAMES, Camera
-from symcal.camera_files import camera_from_dict, camera_to_dict, target_from_dict, target_to_dict
+from symcal.camera.camera import INTRINSIC_NAMES, Camera
+from symcal.camera.files import camera_from_dict, camera_to_dict, target_from_dict, target_to_dict
 from symcal.identification.model import Model, Scene
 from symcal.measurements import Setup
 

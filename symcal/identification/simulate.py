@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from symcal.camera import Camera, in_image
+from symcal.camera.camera import Camera, in_image
 from symcal.data.dataset import Dataset
 from symcal.identification.model import Model
 from symcal.kernels import batch_function

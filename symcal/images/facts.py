@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.camera import INTRINSIC_NAMES, Camera, project_points
+from symcal.camera.camera import INTRINSIC_NAMES, Camera, project_points
 from symcal.data.dataset import Dataset
 from symcal.identification.aligned import aligned_errors, expected_centre_rms, target_points
 from symcal.identification.evaluate import Errors, statistics

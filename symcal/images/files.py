@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from symcal.camera_files import write_camera
+from symcal.camera.files import write_camera
 from symcal.images.run import ImageRun
 from symcal.vision.images import write_image
 

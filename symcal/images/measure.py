@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from symcal import spatial
-from symcal.camera import Camera, Target
+from symcal.camera.camera import Camera
+from symcal.camera.target import Target
 from symcal.data.dataset import Dataset
 from symcal.documents.table import joint_readings, read_table
 from symcal.errors import InputError, RefusedError

@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.camera import Camera, Target
+from symcal.camera.camera import Camera
+from symcal.camera.p3p import P3PResult, points_covariance, solve_p3p_batch
+from symcal.camera.target import Target
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
-from symcal.vision.p3p import P3PResult, points_covariance, solve_p3p_batch
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal import spatial
-from symcal.camera import Board, Camera, Target
+from symcal.camera.board import Board
+from symcal.camera.camera import Camera
+from symcal.camera.target import Target
 from symcal.identification.model import Model
 from symcal.images.measure import Measured, Shot
 from symcal.measurements import Setup

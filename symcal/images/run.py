@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.camera import Camera, parse_board
-from symcal.camera_files import read_camera
+from symcal.camera.board import parse_board
+from symcal.camera.camera import Camera
+from symcal.camera.files import read_camera
 from symcal.compensation.handover import true_robot
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, RenderedData, SimulatedData

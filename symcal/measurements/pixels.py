@@ -17,7 +17,7 @@ from __future__ import annotations
 import casadi as ca
 
 from symcal import spatial
-from symcal.camera import INTRINSIC_NAMES, distort, distortion_slopes
+from symcal.camera.camera import INTRINSIC_NAMES, distort, distortion_slopes
 from symcal.kinematics import Chain, function
 from symcal.measurements.model import Group, Measurement
 from symcal.measurements.position import world_points

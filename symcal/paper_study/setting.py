@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal import measurements
-from symcal.camera import Camera, Target
+from symcal.camera.camera import Camera
+from symcal.camera.target import Target
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, SimulatedData
 from symcal.config.study import Scene, StudyConfig

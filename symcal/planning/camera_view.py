@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal import spatial
-from symcal.camera import Camera, Target, project_points
+from symcal.camera.camera import Camera, project_points
+from symcal.camera.target import Target
 from symcal.kernels import BatchFunction, batch_function
 from symcal.kinematics import Chain
 from symcal.measurements import Setup

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal import kinematics, spatial
-from symcal.camera import project_points
+from symcal.camera.camera import project_points
 from symcal.errors import InputError
 from symcal.kernels import BatchFunction, batch_function
 from symcal.planning.camera_view import CameraView, axis_angles, triangle_area

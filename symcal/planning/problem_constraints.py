@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.camera import Target
-from symcal.camera_files import CameraFile, ImageUnits, TargetFile, read_camera, read_target
+from symcal.camera.files import CameraFile, ImageUnits, TargetFile, read_camera, read_target
+from symcal.camera.target import Target
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile
 from symcal.config.plan import CameraConstraint, KeepOutBox, KeepOutPlane

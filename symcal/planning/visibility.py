@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.camera import project_points
+from symcal.camera.camera import project_points
 from symcal.planning.camera_view import CameraView
 from symcal.planning.constraints import Constraint
 

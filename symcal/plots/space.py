@@ -11,7 +11,7 @@ from matplotlib.gridspec import SubplotSpec
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
-from symcal.camera import Camera, rays
+from symcal.camera.camera import Camera, rays
 from symcal.plots.style import FAINT, INK, RULE, VERMILION
 
 Array = NDArray[np.float64]

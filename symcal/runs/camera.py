@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from symcal.camera import INTRINSIC_NAMES, Board
-from symcal.camera_files import write_camera
+from symcal.camera.board import Board
+from symcal.camera.camera import INTRINSIC_NAMES
+from symcal.camera.files import write_camera
 from symcal.errors import InputError
 from symcal.vision.board import detect_boards
 from symcal.vision.calibrate import CameraCalibration, calibrate_camera

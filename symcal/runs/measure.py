@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from symcal.camera_files import read_camera, read_target
+from symcal.camera.files import read_camera, read_target
 from symcal.config.scene import read_scene
 from symcal.data.measurement_file import save_measurements
 from symcal.images.measure import Measured, measure_images, read_shots

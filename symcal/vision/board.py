@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.camera import Board
+from symcal.camera.board import Board
 from symcal.errors import InputError
 from symcal.vision.charuco import charuco_board
 from symcal.vision.chessboard import find_chessboard, sub_pixel

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from symcal.camera import Board, Camera, project_points
+from symcal.camera.board import Board
+from symcal.camera.camera import Camera, project_points
 from symcal.errors import RefusedError
 from symcal.spatial import transform
 

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.camera import Board, Camera
+from symcal.camera.board import Board
+from symcal.camera.camera import Camera
 from symcal.errors import RefusedError
 from symcal.vision.precision import Pose, projected, view_jacobians
 

@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.camera import INTRINSIC_NAMES, Board, Camera
+from symcal.camera.board import Board
+from symcal.camera.camera import INTRINSIC_NAMES, Camera
 from symcal.errors import RefusedError
 from symcal.vision.board import Detection, Refusal
 from symcal.vision.bowed import adjust_bowed, free_coordinates

@@ -6,7 +6,7 @@ from typing import Any
 
 import cv2
 
-from symcal.camera import Board
+from symcal.camera.board import Board
 from symcal.errors import InputError
 
 

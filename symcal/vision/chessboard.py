@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.camera import Board
+from symcal.camera.board import Board
 from symcal.vision.images import Image
 
 Float = NDArray[np.float64]

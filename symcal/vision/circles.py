@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.camera import Board, Camera, project_points
+from symcal.camera.board import Board
+from symcal.camera.camera import Camera, project_points
 from symcal.vision.images import Image
 from symcal.vision.lattice import order_blobs
 

@@ -7,7 +7,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.camera import Board
+from symcal.camera.board import Board
 
 Float = NDArray[np.float64]
 

@@ -8,11 +8,12 @@ from itertools import combinations, permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.camera import Camera, Target, project_points
+from symcal.camera.camera import Camera, project_points
+from symcal.camera.p3p import solve_p3p_batch
+from symcal.camera.target import Target
 from symcal.spatial import transform
 from symcal.vision.discs import Blob, find_blobs
 from symcal.vision.failures import Failure, NotDetected
-from symcal.vision.p3p import solve_p3p_batch
 from symcal.vision.search import LEAST_CONTRAST
 from symcal.vision.target import grey_levels
 

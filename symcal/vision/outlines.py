@@ -11,7 +11,7 @@ from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
-from symcal.camera import Camera, project_points
+from symcal.camera.camera import Camera, project_points
 
 Float = NDArray[np.float64]
 

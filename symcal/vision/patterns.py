@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from symcal.camera import Board, Target
+from symcal.camera.board import Board
+from symcal.camera.target import Target
 from symcal.vision.charuco import charuco_board, charuco_dictionary
 
 Float = NDArray[np.floating[Any]]

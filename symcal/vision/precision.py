@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.camera import Camera, rays
+from symcal.camera.camera import Camera, rays
 from symcal.errors import RefusedError
 
 Float = NDArray[np.float64]

@@ -16,7 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from symcal.camera import Board, Camera, Target, project_points, rays
+from symcal.camera.board import Board
+from symcal.camera.camera import Camera, project_points, rays
+from symcal.camera.target import Target
 from symcal.vision.patterns import Plate, board_plate, target_plates
 
 Float = NDArray[np.floating[Any]]

@@ -7,7 +7,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.camera import Camera, Target
+from symcal.camera.camera import Camera
+from symcal.camera.target import Target
 from symcal.vision.discs import Blob, find_blobs
 from symcal.vision.failures import Failure, NotDetected
 from symcal.vision.labelling import Labelling, assign_labels

@@ -8,11 +8,12 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.camera import Camera, Target
+from symcal.camera.camera import Camera
+from symcal.camera.p3p import solve_p3p_batch
+from symcal.camera.reproject import fit_pose
+from symcal.camera.target import Target
 from symcal.vision.failures import Failure, NotDetected
 from symcal.vision.outlines import Outline, RimFit, fit_rim
-from symcal.vision.p3p import solve_p3p_batch
-from symcal.vision.reproject import fit_pose
 from symcal.vision.search import LEAST_CONTRAST, Colour, Shape, label_discs, predict_outlines, why_missing
 
 Float = NDArray[np.float64]

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.camera import Camera, rays
+from symcal.camera.camera import Camera, rays
 from symcal.vision.calibrate import CameraCalibration, View
 
 Grade = Literal["good", "usable", "poor"]

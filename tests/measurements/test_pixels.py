@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 from strategies import random_frame, random_robot
 
 from symcal import spatial
-from symcal.camera import INTRINSIC_NAMES, Camera, Target
+from symcal.camera.camera import INTRINSIC_NAMES, Camera
+from symcal.camera.target import Target
 from symcal.errors import InputError, RefusedError
 from symcal.identification.estimation import Options
 from symcal.identification.evaluate import cross_validate

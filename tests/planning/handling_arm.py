@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from symcal.camera import Camera, Target
+from symcal.camera.camera import Camera
+from symcal.camera.target import Target
 from symcal.kinematics import Chain, chain
 from symcal.measurements import Setup
 from symcal.parameters import parameter_set

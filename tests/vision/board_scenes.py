@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from symcal.camera import Board, Camera, in_image, project_points, rays
+from symcal.camera.board import Board
+from symcal.camera.camera import Camera, in_image, project_points, rays
 
 
 def placed(rotation: Rotation, point: np.ndarray, ray: np.ndarray, depth: float) -> np.ndarray:

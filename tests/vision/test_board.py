@@ -10,7 +10,8 @@ import pytest
 from board_scenes import board_views, nearest_order, placed, seen
 from scipy.spatial.transform import Rotation
 
-from symcal.camera import Camera, parse_board
+from symcal.camera.board import parse_board
+from symcal.camera.camera import Camera
 from symcal.errors import InputError
 from symcal.vision.board import Detection, Refusal, detect_board, detect_boards
 from symcal.vision.circles import dot_bias

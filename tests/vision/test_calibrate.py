@@ -11,7 +11,8 @@ import pytest
 from board_scenes import board_views, placed, seen
 from scipy.spatial.transform import Rotation
 
-from symcal.camera import Board, Camera, parse_board, project_points, rays
+from symcal.camera.board import Board, parse_board
+from symcal.camera.camera import Camera, project_points, rays
 from symcal.errors import RefusedError
 from symcal.vision.board import Detection, Refusal, detect_board, detect_boards
 from symcal.vision.calibrate import CameraCalibration, calibrate_camera

@@ -8,7 +8,9 @@ import pytest
 from board_scenes import placed, seen
 from scipy.spatial.transform import Rotation
 
-from symcal.camera import Camera, Target, parse_board, project_points
+from symcal.camera.board import parse_board
+from symcal.camera.camera import Camera, project_points
+from symcal.camera.target import Target
 from symcal.vision.render import Look, render_board, render_discs
 
 CAMERAS = {

@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from symcal.camera import Camera, Target, in_image, rays
+from symcal.camera.camera import Camera, in_image, rays
+from symcal.camera.reproject import moved
+from symcal.camera.target import Target
 from symcal.vision.failures import Failure, NotDetected
 from symcal.vision.labelling import assign_labels
 from symcal.vision.outlines import predict_outline
 from symcal.vision.render import Look, render_discs
-from symcal.vision.reproject import moved
 from symcal.vision.target import Detection, detect_target
 
 Float = NDArray[np.float64]

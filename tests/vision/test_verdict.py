@@ -8,7 +8,8 @@ import numpy as np
 from board_scenes import board_views, placed, seen
 from scipy.spatial.transform import Rotation
 
-from symcal.camera import Camera, parse_board
+from symcal.camera.board import parse_board
+from symcal.camera.camera import Camera
 from symcal.vision.board import Detection, Refusal
 from symcal.vision.calibrate import calibrate_camera
 from symcal.vision.verdict import Verdict, judge

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from symcal.camera import Camera, Target, in_image, project_points
+from symcal.camera.camera import Camera, in_image, project_points
+from symcal.camera.p3p import points_covariance, solve_p3p, solve_p3p_batch, view_angles
+from symcal.camera.reproject import fit_pose, moved, reproject
+from symcal.camera.target import Target
 from symcal.errors import InputError, RefusedError
-from symcal.vision.p3p import points_covariance, solve_p3p, solve_p3p_batch, view_angles
-from symcal.vision.reproject import fit_pose, moved, reproject
 
 Float = NDArray[np.float64]
 

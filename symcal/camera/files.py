@@ -11,7 +11,8 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from symcal import spatial
-from symcal.camera import INTRINSIC_NAMES, Camera, Target
+from symcal.camera.camera import INTRINSIC_NAMES, Camera
+from symcal.camera.target import Target
 from symcal.documents.document import Document, Strict, read_document, validate, write_document
 from symcal.errors import InputError
 from symcal.robot.schema import Frame, Units

@@ -1,4 +1,4 @@
-"""Pinhole camera with lens distortion, and the geometry of what it looks at: boards and disc targets.
+"""Pinhole camera with lens distortion.
 
 Conventions are OpenCV's: x right, y down, z along the view; integer pixel coordinates are pixel centres, so that
 the image covers [-0.5, width - 0.5] x [-0.5, height - 0.5]. OpenCV itself is not needed here.
@@ -7,9 +7,8 @@ the image covers [-0.5, width - 0.5] x [-0.5, height - 0.5]. OpenCV itself is no
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass, field
-from typing import Any, Literal, cast, get_args
+from typing import Any, cast
 
 import casadi as ca
 import numpy as np
@@ -185,134 +184,3 @@ def fold_radius(camera: Camera) -> float:
     real = roots[np.isreal(roots)].real
     positive = real[real > 0]
     return math.sqrt(positive.min()) if positive.size else math.inf
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Target:
-    """Equal discs on a plate, fixed to the robot's tool.
-
-    Attributes:
-        names: one per disc.
-        points: disc centres in the target frame, shape (n, 3), mm.
-        disc_radius: mm.
-        normal: unit vector out of the discs' faces, in the target frame; they are seen from its side only.
-        marked: the disc that carries a concentric hole of half its radius, to break the symmetry; None if alike.
-        mount: nominal pose of the target on the robot's flange (last link frame), shape (4, 4), mm; None if not given.
-    """
-
-    names: tuple[str, ...]
-    points: Float = field(compare=False)
-    disc_radius: float
-    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    marked: str | None = None
-    mount: Float | None = field(default=None, compare=False)
-
-    def __post_init__(self) -> None:
-        if np.shape(self.points) != (len(self.names), 3) or not np.all(np.isfinite(self.points)):
-            raise InputError(
-                "one finite point of three coordinates for each name", key="points", found=np.shape(self.points)
-            )
-        if len(self.names) < 3 or len(set(self.names)) != len(self.names):
-            raise InputError("at least three points with different names", key="points", found=", ".join(self.names))
-        if not self.disc_radius > 0:
-            raise InputError("must be positive", key="disc_radius", found=self.disc_radius)
-        length = math.sqrt(sum(c * c for c in self.normal))
-        if not length > 0:
-            raise InputError("must not be zero", key="normal", found=self.normal)
-        object.__setattr__(self, "normal", tuple(float(c) / length for c in self.normal))
-        if self.marked is not None and self.marked not in self.names:
-            raise InputError("no disc of this name", key="marked", found=self.marked, allowed=self.names)
-
-    @staticmethod
-    def triangle(side: float, disc_radius: float, marked: str | None = None, mount: Float | None = None) -> Target:
-        """Three discs P1, P2, P3 at the corners of an equilateral triangle around the origin of the z = 0 plane; mm.
-
-        P1 lies on +x, the others follow counter-clockwise about +z, out of the faces.
-        """
-        angles = np.deg2rad([0.0, 120.0, 240.0])
-        corners = side / math.sqrt(3) * np.stack([np.cos(angles), np.sin(angles), np.zeros(3)], axis=1)
-        return Target(("P1", "P2", "P3"), corners, disc_radius, marked=marked, mount=mount)
-
-
-BoardKind = Literal["chessboard", "circles", "asymmetric_circles", "charuco"]
-
-
-@dataclass(frozen=True, slots=True)
-class Board:
-    """A printed calibration board.
-
-    Attributes:
-        kind: chessboard, circles, asymmetric_circles or charuco.
-        columns, rows: as OpenCV counts: inner corners of a chessboard, circles of a grid, squares of a ChArUco board.
-        square: side of a square, or spacing of the circles, mm (asymmetric: of the rows, half of that in a row).
-        marker: side of a ChArUco marker, mm. dictionary: its name, such as DICT_4X4_50.
-    """
-
-    kind: BoardKind
-    columns: int
-    rows: int
-    square: float
-    marker: float | None = None
-    dictionary: str | None = None
-
-    def __post_init__(self) -> None:
-        if min(self.columns, self.rows) < 2 or (self.kind == "chessboard" and min(self.columns, self.rows) < 3):
-            raise InputError("too few columns or rows", key="board", found=f"{self.columns}x{self.rows}")
-        if not self.square > 0:
-            raise InputError("the spacing must be positive", key="board", found=self.square)
-        charuco = self.kind == "charuco"
-        if charuco != (self.marker is not None) or charuco != (self.dictionary is not None):
-            wanted = "a charuco board needs its marker size and dictionary, as in charuco:5x7:30mm:22mm:DICT_4X4_50"
-            other = "marker size and dictionary belong to charuco boards, and to no other"
-            raise InputError(wanted if charuco else other, key="board", found=self.kind)
-        if self.marker is not None and not 0 < self.marker < self.square:
-            raise InputError(
-                "a marker must be smaller than its square", key="board", found=f"{self.marker} in {self.square}"
-            )
-
-    @property
-    def points(self) -> Float:
-        """Corners or circle centres in the board frame, row by row, z = 0; shape (n, 3), mm.
-
-        The origin is the first point, but the board's outer corner for ChArUco (as in OpenCV); z points into the board.
-        """
-        first, columns, rows = (
-            (1, self.columns - 1, self.rows - 1) if self.kind == "charuco" else (0, self.columns, self.rows)
-        )
-        row, column = np.divmod(np.arange(columns * rows), columns)
-        x = 2 * column + row % 2 if self.kind == "asymmetric_circles" else column + first
-        return np.stack([x, row + first, np.zeros_like(row)], axis=1) * float(self.square)
-
-    def __str__(self) -> str:
-        tail = "" if self.marker is None else f":{self.marker:g}mm:{self.dictionary}"
-        return f"{self.kind}:{self.columns}x{self.rows}:{self.square:g}mm{tail}"
-
-
-_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
-_BOARD = re.compile(
-    r"(?P<kind>\w+):(?P<columns>\d+)x(?P<rows>\d+):(?P<square>[^:]+)(:(?P<marker>[^:]+):(?P<dictionary>\w+))?"
-)
-
-
-def parse_board(text: str) -> Board:
-    """Board of a text such as chessboard:9x6:25mm, asymmetric_circles:4x11:2cm or charuco:5x7:30mm:22mm:DICT_4X4_50.
-
-    Raises:
-        InputError: not of this form, an unknown kind, or a length without its unit.
-    """
-    match = _BOARD.fullmatch(text.strip())
-    if match is None:
-        raise InputError("a board is kind:COLUMNSxROWS:SPACING, such as chessboard:9x6:25mm", key="board", found=text)
-    kind = match["kind"]
-    if kind not in get_args(BoardKind):
-        raise InputError("unknown kind of board", key="board", found=kind, allowed=get_args(BoardKind))
-    marker = None if match["marker"] is None else _length(match["marker"])
-    size = int(match["columns"]), int(match["rows"])
-    return Board(cast(BoardKind, kind), *size, _length(match["square"]), marker, match["dictionary"])
-
-
-def _length(text: str) -> float:
-    match = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+)\s*(mm|cm|m)", text)
-    if match is None:
-        raise InputError("a length is a positive number with its unit, such as 25mm", key="board", found=text)
-    return float(match[1]) * _MM[match[2]]

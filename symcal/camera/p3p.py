@@ -9,10 +9,10 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from symcal.camera import Camera, rays
+from symcal.camera.camera import Camera, rays
+from symcal.camera.perspective_three_point import solve_bearings
+from symcal.camera.reproject import moved, reproject, skew
 from symcal.errors import InputError, RefusedError
-from symcal.vision.perspective_three_point import solve_bearings
-from symcal.vision.reproject import moved, reproject, skew
 
 Float = NDArray[np.float64]
 Bool = NDArray[np.bool_]

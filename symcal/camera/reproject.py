@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from symcal.camera import Camera, distort, distortion_slopes
+from symcal.camera.camera import Camera, distort, distortion_slopes
 
 Float = NDArray[np.float64]
 

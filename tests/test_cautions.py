@@ -17,7 +17,7 @@ from symcal.errors import RefusedError
 from symcal.identification.estimation import Options
 from symcal.identification.identify import Calibration, calibrate
 from symcal.identification.model import Model, Task, build_model
-from symcal.least_squares import Tolerances
+from symcal.solvers.least_squares import Tolerances
 
 BOTH = frozenset({"base", "tool"})
 

@@ -21,9 +21,9 @@ from symcal.identification.identifiability import analyse
 from symcal.identification.model import Model, Task, build_model
 from symcal.identification.rows import rows_of
 from symcal.identification.whitened import FREEDOM
-from symcal.least_squares import Tolerances
 from symcal.robot.robot import Robot
 from symcal.solvers import SOLVERS
+from symcal.solvers.least_squares import Tolerances
 
 SIGMA = 0.0577
 KNOWN = Options(sigma={"position": SIGMA}, scales="stated")

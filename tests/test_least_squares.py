@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import approx_fprime
 
-from symcal.least_squares import Iterate, Solution, Status, Tolerances, cost_of, iterate, stop_reason
+from symcal.solvers.least_squares import Iterate, Solution, Status, Tolerances, cost_of, iterate, stop_reason
 
 RNG = np.random.default_rng(1)
 A, B = RNG.normal(size=(7, 3)), RNG.normal(size=7)

@@ -13,8 +13,8 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from symcal.identification.simulate import Noise, simulate
-from symcal.least_squares import Array, Problem, Solution, Status, Tolerances
 from symcal.solvers import SOLVERS, gauss_newton, ipopt, levenberg_marquardt
+from symcal.solvers.least_squares import Array, Problem, Solution, Status, Tolerances
 
 Residual = Callable[[Array], Array]
 

@@ -24,8 +24,8 @@ from symcal.documents.yaml_dialect import parse_value
 from symcal.errors import InputError
 from symcal.identification.estimation import Options
 from symcal.identification.model import Scene, Task, pixels_task
-from symcal.least_squares import Tolerances
 from symcal.robot.robot import Robot
+from symcal.solvers.least_squares import Tolerances
 from symcal.units import LENGTH
 
 Array = NDArray[np.float64]

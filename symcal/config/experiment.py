@@ -166,7 +166,7 @@ class RenderedData(Strict):
 
 
 class TolerancesConfig(Strict):
-    """When the solver stops; see `symcal.least_squares.Tolerances`."""
+    """When the solver stops; see `symcal.solvers.least_squares.Tolerances`."""
 
     gradient: Positive = 1e-10
     cost: Positive = 1e-14

@@ -27,9 +27,9 @@ from symcal.identification.posterior import Posterior, posterior_of
 from symcal.identification.rows import Rows
 from symcal.identification.variances import VarianceModel, Variances
 from symcal.identification.whitened import whitened
-from symcal.least_squares import Problem, Solution, Tolerances
 from symcal.measurements import Setup
 from symcal.solvers import SOLVERS, SolverName
+from symcal.solvers.least_squares import Problem, Solution, Tolerances
 
 Array = NDArray[np.float64]
 

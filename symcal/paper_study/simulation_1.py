@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.config.study import SimulationOneConfig
-from symcal.least_squares import Problem, Tolerances
 from symcal.paper_study.mirror import canonical
 from symcal.paper_study.results import Recovery, Setting, SimulationOne, StudyPlan
 from symcal.paper_study.setting import positions
 from symcal.solvers import levenberg_marquardt
+from symcal.solvers.least_squares import Problem, Tolerances
 
 Array = NDArray[np.float64]
 

@@ -12,12 +12,12 @@ from symcal.data.dataset import Dataset
 from symcal.identification.estimation import Options
 from symcal.identification.identify import baseline_model, calibrate
 from symcal.identification.simulate import simulate
-from symcal.least_squares import Problem, Tolerances
 from symcal.paper_study import published
 from symcal.paper_study.repetitions import cramer_rao
 from symcal.paper_study.results import Identified, Setting, StudyPlan
 from symcal.paper_study.setting import positions
 from symcal.solvers import levenberg_marquardt
+from symcal.solvers.least_squares import Problem, Tolerances
 
 Array = NDArray[np.float64]
 

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from typing import Literal
 
-from symcal.least_squares import Problem, Solution, Tolerances
 from symcal.solvers.gauss_newton import gauss_newton
 from symcal.solvers.ipopt import ipopt
+from symcal.solvers.least_squares import Problem, Solution, Tolerances
 from symcal.solvers.levenberg_marquardt import levenberg_marquardt
 
 SolverName = Literal["levenberg_marquardt", "gauss_newton", "ipopt"]

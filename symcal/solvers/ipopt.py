@@ -11,7 +11,7 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
-from symcal.least_squares import Array, Problem, Solution, Status, Tolerances, cost_of, iterate, stop_reason
+from symcal.solvers.least_squares import Array, Problem, Solution, Status, Tolerances, cost_of, iterate, stop_reason
 
 _NO_TOLERANCES = Tolerances()
 

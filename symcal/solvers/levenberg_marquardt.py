@@ -13,18 +13,12 @@ its mirror root; they are not offered.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 
-from symcal.least_squares import (
-    Array,
-    Problem,
-    Solution,
-    Status,
-    Tolerances,
-    cost_of,
-    iterate,
-    stop_reason,
-)
+from symcal.solvers.descent import Stop, Trial, descend
+from symcal.solvers.least_squares import Array, Iterate, Problem, Solution, Status, Tolerances
 
 _NO_TOLERANCES = Tolerances()
 
@@ -44,43 +38,24 @@ def levenberg_marquardt(
             unknown.
         scaled: D = 1 / scales; the identity when False (the paper).
     """
-    width = problem.scales if scaled else np.ones_like(problem.scales)
-    x = problem.start.astype(float)
-    residual, jacobian = problem.evaluate(x)
-    evaluations = 1
-    history = [iterate(x, residual, jacobian, width, 0.0, damping)]
 
-    def finish(status: Status, detail: str) -> Solution:
-        return Solution(
-            x, cost_of(residual), residual, jacobian, status, detail, "levenberg_marquardt", evaluations, tuple(history)
-        )
-
-    if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
-        return finish(Status.FAILED, "at the first guess")
-    reason = stop_reason(history[0], history[0], residual.size, tolerances)
-    while reason is None:
-        if len(history) > tolerances.iterations:
-            return finish(Status.ITERATIONS, f"{tolerances.iterations}")
-        w, v, projected = _decompose(jacobian * width, residual)
+    def propose(matrix: Array, residual: Array, history: Sequence[Iterate]) -> Iterator[Trial | Stop]:
+        cost = history[-1].cost
+        lam = damping if len(history) == 1 else max(history[-1].damping / factor, 1e-20)
+        w, v, projected = _decompose(matrix, residual)
         while True:
-            gain = _predicted_gain(w, projected, damping)
-            if gain <= tolerances.cost * history[-1].cost:
-                return finish(Status.COST, f"the best step would change it by {gain / (history[-1].cost or 1.0):.2g}")
-            scaled_step = -v @ (w / (w**2 + damping) * projected)
-            trial = x + width * scaled_step
-            new_residual, new_jacobian = problem.evaluate(trial)
-            evaluations += 1
-            if cost_of(new_residual) < history[-1].cost and np.isfinite(new_jacobian).all():
-                break
-            length = float(np.linalg.norm(scaled_step))
-            if length <= tolerances.step or damping > 1e12 * max(float(w[0]) ** 2, 1.0):
-                return finish(Status.STALLED, f"scaled step {length:.2g}")
-            damping *= factor
-        x, residual, jacobian = trial, new_residual, new_jacobian
-        history.append(iterate(x, residual, jacobian, width, float(np.linalg.norm(scaled_step)), damping))
-        damping = max(damping / factor, 1e-20)
-        reason = stop_reason(history[-2], history[-1], residual.size, tolerances)
-    return finish(*reason)
+            gain = _predicted_gain(w, projected, lam)
+            if gain <= tolerances.cost * cost:
+                yield Stop(Status.COST, f"the best step would change it by {gain / (cost or 1.0):.2g}")
+            step = -v @ (w / (w**2 + lam) * projected)
+            yield Trial(step, lam, float(np.nextafter(cost, -np.inf)))
+            length = float(np.linalg.norm(step))
+            if length <= tolerances.step or lam > 1e12 * max(float(w[0]) ** 2, 1.0):
+                yield Stop(Status.STALLED, f"scaled step {length:.2g}")
+            lam *= factor
+
+    width = problem.scales if scaled else np.ones_like(problem.scales)
+    return descend(problem, tolerances, propose, solver="levenberg_marquardt", width=width, first=damping)
 
 
 def _predicted_gain(w: Array, projected: Array, damping: float) -> float:

@@ -18,6 +18,22 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from symcal.calibration.evaluate import (
+        compare as compare,
+    )
+    from symcal.calibration.evaluate import (
+        cross_validate as cross_validate,
+    )
+    from symcal.calibration.evaluate import (
+        evaluate as evaluate,
+    )
+    from symcal.calibration.evaluate import (
+        statistics as statistics,
+    )
+    from symcal.calibration.identify import Calibration as Calibration
+    from symcal.calibration.identify import identify as identify
+    from symcal.calibration.simulate import Noise as Noise
+    from symcal.calibration.simulate import simulate as simulate
     from symcal.compensation.compensate import compensate as compensate
     from symcal.compensation.targets import commanded as commanded
     from symcal.compensation.targets import wanted as wanted
@@ -30,25 +46,9 @@ if TYPE_CHECKING:
     from symcal.export import export_c as export_c
     from symcal.export import save_json as save_json
     from symcal.export import save_urdf as save_urdf
-    from symcal.identification.estimation import Options as Options
-    from symcal.identification.evaluate import (
-        compare as compare,
-    )
-    from symcal.identification.evaluate import (
-        cross_validate as cross_validate,
-    )
-    from symcal.identification.evaluate import (
-        evaluate as evaluate,
-    )
-    from symcal.identification.evaluate import (
-        statistics as statistics,
-    )
-    from symcal.identification.identify import Calibration as Calibration
-    from symcal.identification.identify import identify as identify
-    from symcal.identification.model import Task as Task
-    from symcal.identification.model import build_model as build_model
-    from symcal.identification.simulate import Noise as Noise
-    from symcal.identification.simulate import simulate as simulate
+    from symcal.fit.estimation import Options as Options
+    from symcal.model import Task as Task
+    from symcal.model import build_model as build_model
     from symcal.planning.information import pose_information as pose_information
     from symcal.planning.search import select_poses as select_poses
     from symcal.report import write_report as write_report
@@ -78,21 +78,21 @@ _HOME = {
     "InputError": "errors",
     "RefusedError": "errors",
     "SymcalError": "errors",
-    "Options": "identification.estimation",
-    "compare": "identification.evaluate",
-    "cross_validate": "identification.evaluate",
-    "evaluate": "identification.evaluate",
-    "statistics": "identification.evaluate",
+    "Options": "fit.estimation",
+    "compare": "calibration.evaluate",
+    "cross_validate": "calibration.evaluate",
+    "evaluate": "calibration.evaluate",
+    "statistics": "calibration.evaluate",
     "run": "runs.experiment",
     "export_c": "export",
     "save_json": "export",
     "save_urdf": "export",
-    "Calibration": "identification.identify",
-    "identify": "identification.identify",
+    "Calibration": "calibration.identify",
+    "identify": "calibration.identify",
     "load_measurements": "data.measurement_file",
     "save_measurements": "data.measurement_file",
-    "Task": "identification.model",
-    "build_model": "identification.model",
+    "Task": "model",
+    "build_model": "model",
     "pose_information": "planning.information",
     "select_poses": "planning.search",
     "write_report": "report",
@@ -101,8 +101,8 @@ _HOME = {
     "Robot": "robot.robot",
     "load_robot": "robot.robot",
     "save_robot": "robot.robot",
-    "Noise": "identification.simulate",
-    "simulate": "identification.simulate",
+    "Noise": "calibration.simulate",
+    "simulate": "calibration.simulate",
     "commanded": "compensation.targets",
     "wanted": "compensation.targets",
     "load_urdf": "robot.urdf",

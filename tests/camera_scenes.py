@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from symcal import spatial
 from symcal.camera.camera import Camera, in_image, project_points
 from symcal.camera.target import Target
-from symcal.identification.model import Model, Scene, build_model, pixels_task
-from symcal.identification.scene_placement import flange_poses
 from symcal.measurements import Setup
+from symcal.model import Model, Scene, build_model, pixels_task
+from symcal.placing.scene_placement import flange_poses
 from symcal.robot.robot import Robot, load_robot
 
 ROBOT: Robot = load_robot(Path(__file__).parents[1] / "configs" / "robots" / "handling_robot.yaml")

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from symcal.calibration.simulate import Noise, simulate
 from symcal.data.dataset import Dataset
-from symcal.identification.model import Model, Task, build_model
-from symcal.identification.simulate import Noise, simulate
+from symcal.model import Model, Task, build_model
 from symcal.robot.robot import Joint, Link, Robot, load_robot
 
 ROBOTS = Path(__file__).resolve().parent.parent / "configs" / "robots"

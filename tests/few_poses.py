@@ -19,12 +19,12 @@ from cases import QUARTER, revolute
 from scipy.spatial.transform import Rotation
 from scipy.stats import ortho_group
 
+from symcal.calibration.identify import Calibration, calibrate
+from symcal.calibration.simulate import Noise, simulate
 from symcal.data.dataset import Dataset
-from symcal.identification.estimation import Options
-from symcal.identification.identify import Calibration, calibrate
-from symcal.identification.model import Model, Task, build_model
-from symcal.identification.simulate import Noise, simulate
+from symcal.fit.estimation import Options
 from symcal.measurements import Setup
+from symcal.model import Model, Task, build_model
 from symcal.robot.robot import Robot
 
 SPECTRA = {

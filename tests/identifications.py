@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from symcal.calibration import results
+from symcal.calibration.evaluate import Errors, compare, expected_position_rms
+from symcal.calibration.identify import Calibration, baseline_model, calibrate
+from symcal.calibration.simulate import Noise, concatenate, simulate
 from symcal.data.dataset import Dataset
-from symcal.identification import results
-from symcal.identification.estimation import Options
-from symcal.identification.evaluate import Errors, compare, expected_position_rms
-from symcal.identification.identify import Calibration, baseline_model, calibrate
-from symcal.identification.model import Task, build_model
-from symcal.identification.simulate import Noise, concatenate, simulate
+from symcal.fit.estimation import Options
+from symcal.model import Task, build_model
 from symcal.robot.robot import load_robot
 
 

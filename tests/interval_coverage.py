@@ -18,13 +18,13 @@ import numpy as np
 from few_poses import model_of, poses, somewhere
 from scipy import stats
 
-from symcal.identification.estimation import Options, fit
-from symcal.identification.evaluate import without_rigid_motion
-from symcal.identification.model import Model
-from symcal.identification.registration import rigid_fit
-from symcal.identification.rows import rows_of
-from symcal.identification.simulate import Noise, simulate
+from symcal.calibration.evaluate import without_rigid_motion
+from symcal.calibration.simulate import Noise, simulate
+from symcal.fit.estimation import Options, fit
+from symcal.fit.residual_rows import rows_of
 from symcal.measurements import Setup
+from symcal.model import Model
+from symcal.placing.registration import rigid_fit
 
 LEVELS = (0.68, 0.95)
 KINDS = ("position", "pose", "pixels")

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from symcal.identification.model import Task, build_model
-from symcal.identification.simulate import Noise, simulate
+from symcal.calibration.simulate import Noise, simulate
+from symcal.model import Task, build_model
 from symcal.robot.robot import Convention, Joint, Link, Robot, save_robot
 
 NOISE = 0.05  # mm, per axis

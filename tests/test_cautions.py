@@ -12,11 +12,11 @@ import pytest
 from cases import ARM, measure, random_errors
 from strategies import random_frame
 
+from symcal.calibration.identify import Calibration, calibrate
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
-from symcal.identification.estimation import Options
-from symcal.identification.identify import Calibration, calibrate
-from symcal.identification.model import Model, Task, build_model
+from symcal.fit.estimation import Options
+from symcal.model import Model, Task, build_model
 from symcal.solvers.least_squares import Tolerances
 
 BOTH = frozenset({"base", "tool"})

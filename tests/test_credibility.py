@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from symcal.calibration.credibility import claim, extrapolation
+from symcal.calibration.evaluate import Errors
 from symcal.data.dataset import Dataset
-from symcal.identification.credibility import claim, extrapolation
-from symcal.identification.evaluate import Errors
 
 
 def errors(size: float, poses: int, rng: np.random.Generator, points: int = 2) -> Errors:

@@ -16,11 +16,11 @@ from scipy import stats
 
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
-from symcal.identification.estimation import Fit, Options, fit
-from symcal.identification.identifiability import analyse
-from symcal.identification.model import Model, Task, build_model
-from symcal.identification.rows import rows_of
-from symcal.identification.whitened import FREEDOM
+from symcal.fit.estimation import Fit, Options, fit
+from symcal.fit.identifiability import analyse
+from symcal.fit.residual_rows import rows_of
+from symcal.fit.whitened import FREEDOM
+from symcal.model import Model, Task, build_model
 from symcal.robot.robot import Robot
 from symcal.solvers import SOLVERS
 from symcal.solvers.least_squares import Tolerances

@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from strategies import random_frame
 
+from symcal.calibration import evaluate as module
+from symcal.calibration.evaluate import compare, cross_validate, evaluate, expected_position_rms, folds, statistics
+from symcal.calibration.identify import calibrate
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
-from symcal.identification import evaluate as module
-from symcal.identification.estimation import Options
-from symcal.identification.evaluate import compare, cross_validate, evaluate, expected_position_rms, folds, statistics
-from symcal.identification.identify import calibrate
-from symcal.identification.model import Model, State, Task, build_model
+from symcal.fit.estimation import Options
+from symcal.model import Model, State, Task, build_model
 from symcal.spatial import pose_matrix
 
 POINTS = dict(zip("abc", TRIANGLE, strict=True))

@@ -11,11 +11,11 @@ import pytest
 from measured_arms import NOISE, POINTS, measure, write_experiment
 from scipy.spatial.transform import Rotation
 
+from symcal.calibration.identify import identify
 from symcal.data.dataset import Dataset
 from symcal.errors import InputError, RefusedError
-from symcal.identification.identify import identify
-from symcal.identification.model import Task
 from symcal.kinematics import chain, forward, frame_vector
+from symcal.model import Task
 from symcal.parameters import parameter_set
 from symcal.robot.robot import load_robot
 from symcal.runs.experiment import run

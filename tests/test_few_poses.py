@@ -14,14 +14,14 @@ from cases import revolute
 from few_poses import Case, best_truncation, draw, identified, measured_at, poses, summary, true_rms
 from scipy import stats
 
+from symcal.calibration.evaluate import evaluate, expected_position_rms, statistics
+from symcal.calibration.identify import Calibration, calibrate
+from symcal.calibration.simulate import Noise, simulate
 from symcal.errors import RefusedError
-from symcal.identification.estimation import Fit, Options, fit
-from symcal.identification.evaluate import evaluate, expected_position_rms, statistics
-from symcal.identification.identify import Calibration, calibrate
-from symcal.identification.model import Model, Task, build_model
-from symcal.identification.rows import rows_of
-from symcal.identification.simulate import Noise, simulate
-from symcal.identification.whitened import FREEDOM
+from symcal.fit.estimation import Fit, Options, fit
+from symcal.fit.residual_rows import rows_of
+from symcal.fit.whitened import FREEDOM
+from symcal.model import Model, Task, build_model
 from symcal.robot.robot import Robot
 from symcal.runs.data import measurements
 from symcal.runs.experiment import load

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import null_space, subspace_angles
 
-from symcal.identification.identifiability import Identifiability, analyse, decompose, numerical_rank, sparse_basis
-from symcal.identification.model import Task, build_model
+from symcal.fit.identifiability import Identifiability, analyse, decompose, numerical_rank, sparse_basis
+from symcal.model import Task, build_model
 from symcal.parameters import Parameter, ParameterSet
 from symcal.robot.robot import Robot
 

@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from strategies import random_frame, seeds
 
+from symcal.calibration.evaluate import evaluate, expected_position_rms
+from symcal.calibration.identify import Calibration, baseline_model, calibrate, identify
+from symcal.calibration.simulate import Noise, simulate
 from symcal.data.dataset import Dataset
 from symcal.errors import InputError, RefusedError
-from symcal.identification.estimation import Options
-from symcal.identification.evaluate import evaluate, expected_position_rms
-from symcal.identification.identify import Calibration, baseline_model, calibrate, identify
-from symcal.identification.model import Model, State, Task, build_model
-from symcal.identification.placement import place, stated
-from symcal.identification.simulate import Noise, simulate
+from symcal.fit.estimation import Options
+from symcal.model import Model, State, Task, build_model
+from symcal.placing.placement import place, stated
 from symcal.robot.robot import Robot
 from symcal.solvers import SOLVERS
 from symcal.spatial import inverse, transform

@@ -10,17 +10,17 @@ from camera_scenes import ROBOT, TRUTH, camera, poses, scene_model, target
 from scipy.spatial.transform import Rotation
 
 from symcal import spatial
+from symcal.calibration.aligned import aligned_errors, centres, expected_centre_rms, target_points
+from symcal.calibration.identify import identify
+from symcal.calibration.simulate import Noise, simulate
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
-from symcal.identification.aligned import aligned_errors, centres, expected_centre_rms, target_points
-from symcal.identification.estimation import Options, fit
-from symcal.identification.identify import identify
-from symcal.identification.model import Scene, State, Task, build_model, pixels_task
-from symcal.identification.rows import rows_of
-from symcal.identification.scene_placement import flange_poses
-from symcal.identification.simulate import Noise, simulate
+from symcal.fit.estimation import Options, fit
+from symcal.fit.residual_rows import rows_of
 from symcal.images.comparison import compare_ways
 from symcal.images.p3p_data import p3p_positions
+from symcal.model import Scene, State, Task, build_model, pixels_task
+from symcal.placing.scene_placement import flange_poses
 
 SCENE = Scene(camera(), target(mount=False))
 

@@ -12,8 +12,8 @@ from camera_scenes import ROBOT, T_WORLD_CAMERA, TRUTH, poses, small_camera, tar
 from symcal.camera.camera import project_points
 from symcal.camera.target import Target
 from symcal.errors import InputError, RefusedError
-from symcal.identification.model import Scene, build_model, pixels_task
 from symcal.images.measure import Shot, measure_images, read_shots
+from symcal.model import Scene, build_model, pixels_task
 from symcal.vision.render import Look, render_discs
 
 LENS = small_camera()

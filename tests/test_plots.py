@@ -16,9 +16,9 @@ from identifications import simulated
 from matplotlib.colors import to_rgb
 
 from symcal import plots
+from symcal.calibration.evaluate import Errors, statistics
+from symcal.calibration.identify import Calibration
 from symcal.data.dataset import Dataset
-from symcal.identification.evaluate import Errors, statistics
-from symcal.identification.identify import Calibration
 from symcal.plots import panels, style
 from symcal.report import save_figure
 from symcal.words import number, symbol

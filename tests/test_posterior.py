@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from symcal.identification.posterior import MOST_DOF, Posterior, posterior_of, predicted_rms
-from symcal.identification.variance_components import Block, at_variances, most_likely
+from symcal.fit.posterior import MOST_DOF, Posterior, posterior_of, predicted_rms
+from symcal.fit.variance_components import Block, at_variances, most_likely
 
 RNG = np.random.default_rng(2)
 NAMES = ("a", "t", "c", "d")

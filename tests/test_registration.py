@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from strategies import random_frame, seeds
 
-from symcal.identification.registration import Registration, hand_eye, register, rigid_fit, virtual_points
 from symcal.kernels import batch_function
 from symcal.kinematics import chain, forward, frame_vector
 from symcal.parameters import ParameterSet
+from symcal.placing.registration import Registration, hand_eye, register, rigid_fit, virtual_points
 from symcal.robot.robot import Robot
 from symcal.spatial import transform
 

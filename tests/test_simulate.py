@@ -10,10 +10,10 @@ from cases import ARM, TABLE_III, TRIANGLE, anywhere, front_half, handling, hand
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
+from symcal.calibration.evaluate import evaluate
+from symcal.calibration.simulate import Noise, concatenate, simulate
 from symcal.data.dataset import with_random_test
-from symcal.identification.evaluate import evaluate
-from symcal.identification.model import State, Task, build_model
-from symcal.identification.simulate import Noise, concatenate, simulate
+from symcal.model import State, Task, build_model
 from symcal.spatial import inverse, pose_matrix
 
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import approx_fprime, minimize
 
-from symcal.identification.variance_components import Block, at_variances, compressed, most_likely
+from symcal.fit.variance_components import Block, at_variances, compressed, most_likely
 
 FLAT, SIZED, COUNTS = 3, 6, (40, 25)  # fixed effects, random effects, rows of two noise groups
 TRUTH = np.log([0.04, 4.0, 2.25])  # variances of the noise groups and of the sizes

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from symcal import spatial
+from symcal.calibration.evaluate import Errors
 from symcal.compensation.compensate import Compensation, compensate
 from symcal.compensation.targets import commanded, tool_pose
-from symcal.identification.evaluate import Errors
-from symcal.identification.model import Model
-from symcal.identification.registration import rigid_fit
 from symcal.kernels.batch import batch_function
+from symcal.model import Model
+from symcal.placing.registration import rigid_fit
 from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]

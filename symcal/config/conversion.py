@@ -22,8 +22,8 @@ from symcal.data.measurement_file import Split
 from symcal.documents.document import Document, Key, read_document, validate
 from symcal.documents.yaml_dialect import parse_value
 from symcal.errors import InputError
-from symcal.identification.estimation import Options
-from symcal.identification.model import Scene, Task, pixels_task
+from symcal.fit.estimation import Options
+from symcal.model import Scene, Task, pixels_task
 from symcal.robot.robot import Robot
 from symcal.solvers.least_squares import Tolerances
 from symcal.units import LENGTH

@@ -15,17 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal import spatial
+from symcal.calibration.aligned import aligned_errors, centres, target_points
+from symcal.calibration.evaluate import Errors
+from symcal.calibration.identify import Calibration
 from symcal.data.dataset import Dataset
-from symcal.identification.aligned import aligned_errors, centres, target_points
-from symcal.identification.estimation import Fit, Options, fit
-from symcal.identification.evaluate import Errors
-from symcal.identification.identify import Calibration
-from symcal.identification.model import Model, Scene, State, Task, build_model
-from symcal.identification.placement import place
-from symcal.identification.rows import rows_of
-from symcal.identification.scene_placement import flange_poses
+from symcal.fit.estimation import Fit, Options, fit
+from symcal.fit.residual_rows import rows_of
 from symcal.images.p3p_data import P3PData, p3p_positions
 from symcal.measurements import Setup
+from symcal.model import Model, Scene, State, Task, build_model
+from symcal.placing.placement import place
+from symcal.placing.scene_placement import flange_poses
 
 Array = NDArray[np.float64]
 

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.calibration.aligned import aligned_errors, expected_centre_rms, target_points
+from symcal.calibration.evaluate import Errors, statistics
+from symcal.calibration.identify import Calibration
 from symcal.camera.camera import INTRINSIC_NAMES, Camera, project_points
 from symcal.data.dataset import Dataset
-from symcal.identification.aligned import aligned_errors, expected_centre_rms, target_points
-from symcal.identification.evaluate import Errors, statistics
-from symcal.identification.identify import Calibration
-from symcal.identification.model import Scene
-from symcal.identification.rows import rows_of
+from symcal.fit.residual_rows import rows_of
 from symcal.images.comparison import Ways
 from symcal.images.rendered import RenderedImages
+from symcal.model import Scene
 from symcal.vision.calibrate import CameraCalibration
 
 Array = NDArray[np.float64]

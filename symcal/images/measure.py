@@ -22,11 +22,11 @@ from symcal.camera.target import Target
 from symcal.data.dataset import Dataset
 from symcal.documents.table import joint_readings, read_table
 from symcal.errors import InputError, RefusedError
-from symcal.identification.camera_placement import place_camera
-from symcal.identification.registration import rigid_fit
 from symcal.kernels import batch_function
 from symcal.kinematics import chain, forward, frame_vector
 from symcal.parameters import parameter_set
+from symcal.placing.camera_placement import place_camera
+from symcal.placing.registration import rigid_fit
 from symcal.robot.robot import Robot
 from symcal.vision.failures import NotDetected
 from symcal.vision.images import read_image

@@ -12,9 +12,9 @@ from symcal import spatial
 from symcal.camera.board import Board
 from symcal.camera.camera import Camera
 from symcal.camera.target import Target
-from symcal.identification.model import Model
 from symcal.images.measure import Measured, Shot
 from symcal.measurements import Setup
+from symcal.model import Model
 from symcal.vision.board import Detection, Refusal, detect_board
 from symcal.vision.board_views import board_views
 from symcal.vision.calibrate import CameraCalibration, calibrate_camera

@@ -10,6 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.calibration.aligned import aligned_errors, centres, target_points
+from symcal.calibration.evaluate import Errors
+from symcal.calibration.identify import Calibration, baseline_model, calibrate
+from symcal.calibration.simulate import Noise, simulate
 from symcal.camera.board import parse_board
 from symcal.camera.camera import Camera
 from symcal.camera.files import read_camera
@@ -19,16 +23,12 @@ from symcal.config.conversion import ExperimentFile, RenderedData, SimulatedData
 from symcal.data.dataset import Dataset
 from symcal.documents.document import Document
 from symcal.errors import InputError, RefusedError
-from symcal.identification.aligned import aligned_errors, centres, target_points
-from symcal.identification.estimation import Options
-from symcal.identification.evaluate import Errors
-from symcal.identification.identify import Calibration, baseline_model, calibrate
-from symcal.identification.model import Model, Scene, State, build_model, pixels_task
-from symcal.identification.simulate import Noise, simulate
+from symcal.fit.estimation import Options
 from symcal.images.comparison import Ways, compare_ways
 from symcal.images.facts import accuracy_facts, camera_facts, comparison_facts, image_facts, project_poses
 from symcal.images.measure import Measured, Shot, measure_images
 from symcal.images.rendered import Example, RenderedImages, calibrate_rendered, target_poses, target_shots
+from symcal.model import Model, Scene, State, build_model, pixels_task
 from symcal.planning.area import draw
 from symcal.planning.planned import Planned, find_plan, plan_generator
 from symcal.planning.problem import PlanProblem, plan_problem

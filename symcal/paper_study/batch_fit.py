@@ -5,7 +5,7 @@ Gauss-Newton on whitened, scaled rows, all repetitions in step:
     u <- V f(w) V^T W^T (W u - r / sigma),        W = J S / sigma,   W^T W = V diag(w) V^T,   x = S u
 
 with f(w) = 1 / (1 + w), the plausible sizes of the parameters as their prior. Its fixed points are those of
-`symcal.identification.estimation.fit` with known noise and sizes as stated.
+`symcal.fit.estimation.fit` with known noise and sizes as stated.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
-from symcal.identification.model import Model
+from symcal.model import Model
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.identification import results
-from symcal.identification.evaluate import statistics
+from symcal.calibration import results
+from symcal.calibration.evaluate import statistics
 from symcal.paper_study import published
 from symcal.paper_study.results import Identified, Recovery, Setting, Study, StudyPlan
 from symcal.paper_study.surroundings import mean_norm

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.config.study import SimulationOneConfig
-from symcal.identification.identifiability import Identifiability, analyse
+from symcal.fit.identifiability import Identifiability, analyse
 from symcal.kernels import batch_function
 from symcal.measurements import Measurement, Setup
 from symcal.paper_study.batch_fit import fit_many

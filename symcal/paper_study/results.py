@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.calibration.evaluate import Statistics, statistics
+from symcal.calibration.identify import Calibration
+from symcal.calibration.simulate import Noise
 from symcal.data.dataset import Dataset
-from symcal.identification.estimation import Fit
-from symcal.identification.evaluate import Statistics, statistics
-from symcal.identification.identifiability import Identifiability
-from symcal.identification.identify import Calibration
-from symcal.identification.model import Model
-from symcal.identification.simulate import Noise
+from symcal.fit.estimation import Fit
+from symcal.fit.identifiability import Identifiability
 from symcal.kernels import BatchFunction
+from symcal.model import Model
 from symcal.planning.camera_view import CameraView
 from symcal.planning.certificate import Certificate
 from symcal.planning.fitness import Reading

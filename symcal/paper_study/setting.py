@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal import measurements
+from symcal.calibration.simulate import Noise
 from symcal.camera.camera import Camera
 from symcal.camera.target import Target
 from symcal.config import conversion as config
@@ -13,9 +14,8 @@ from symcal.config.conversion import ExperimentFile, SimulatedData
 from symcal.config.study import Scene, StudyConfig
 from symcal.documents.document import Document
 from symcal.errors import RefusedError
-from symcal.identification.model import Model
-from symcal.identification.simulate import Noise
 from symcal.kernels import batch_function
+from symcal.model import Model
 from symcal.paper_study.results import Setting
 from symcal.planning.camera_view import CameraView, camera_view, look_at
 from symcal.planning.maximum import feasible_set

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.calibration.identify import baseline_model, calibrate
+from symcal.calibration.simulate import simulate
 from symcal.config.study import SimulationOneConfig
 from symcal.data.dataset import Dataset
-from symcal.identification.estimation import Options
-from symcal.identification.identify import baseline_model, calibrate
-from symcal.identification.simulate import simulate
+from symcal.fit.estimation import Options
 from symcal.paper_study import published
 from symcal.paper_study.repetitions import cramer_rao
 from symcal.paper_study.results import Identified, Setting, StudyPlan

@@ -12,8 +12,8 @@ from threadpoolctl import ThreadpoolController
 from symcal.config.conversion import ExperimentFile
 from symcal.documents.document import Document
 from symcal.errors import InputError
-from symcal.identification.estimation import Options
-from symcal.identification.model import Model
+from symcal.fit.estimation import Options
+from symcal.model import Model
 from symcal.paper_study.gauge import gauge
 from symcal.paper_study.plans import certified_plan, random_plans, reading_of, study_plans, weights_of
 from symcal.paper_study.readings import readings

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.calibration.simulate import Noise
 from symcal.config.study import StudyConfig
-from symcal.identification.simulate import Noise
 from symcal.paper_study.printed import printed_tables
 from symcal.paper_study.results import Setting, Study
 

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
-from symcal.identification.identifiability import Identifiability, analyse
-from symcal.identification.whitened import beforehand
+from symcal.fit.identifiability import Identifiability, analyse
+from symcal.fit.whitened import beforehand
 from symcal.measurements import Measurement, Setup
 from symcal.planning.area import Feasible, WorkingArea, working_area
 from symcal.planning.rows import SubspaceRows, subspace_rows

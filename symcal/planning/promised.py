@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from symcal.calibration.evaluate import Errors
 from symcal.config.conversion import ExperimentFile
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
-from symcal.identification.evaluate import Errors
-from symcal.identification.model import Model
+from symcal.model import Model
 from symcal.planning.area import WorkingArea
 from symcal.planning.information import pose_information
 from symcal.planning.problem import nominal_noise
@@ -27,7 +27,7 @@ def promise_kept(
     a later fit thinks of its own noise does not enter.
 
     Args:
-        errors: by part and state, as `symcal.identification.evaluate.compare` gives them.
+        errors: by part and state, as `symcal.calibration.evaluate.compare` gives them.
     """
     if model.task.scene is not None or "test" not in data.split or "after" not in errors.get("test", {}):
         return None

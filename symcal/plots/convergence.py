@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
 from numpy.typing import NDArray
 
+from symcal.calibration.evaluate import evaluate
+from symcal.calibration.identify import Calibration
 from symcal.data.dataset import Dataset
-from symcal.identification.evaluate import evaluate
-from symcal.identification.identify import Calibration
-from symcal.identification.model import State
+from symcal.model import State
 from symcal.plots.style import BLUE, NARROW, ORANGE, PARTS, Illustration, grid, print_settings, settle, sheet
 from symcal.words import number, plural
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
-from symcal.identification.evaluate import Errors
+from symcal.calibration.evaluate import Errors
 from symcal.plots.panels import SHOWN, far_apart, legend, logarithmic
 from symcal.plots.style import INK, LOOKS, PARTS, WIDE, Illustration, grid, print_settings, settle, sheet
 from symcal.words import listed, number, plural

@@ -9,8 +9,8 @@ from matplotlib.colors import LogNorm
 from numpy.typing import NDArray
 from scipy.stats import binned_statistic_2d
 
+from symcal.calibration.evaluate import statistics
 from symcal.compensation.handover import Handover
-from symcal.identification.evaluate import statistics
 from symcal.plots.panels import logarithmic
 from symcal.plots.style import LOOKS, NARROW, VERMILION, WIDE, Illustration, Look, grid, print_settings, settle, sheet
 from symcal.words import number, plural

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from symcal.calibration.identify import Calibration
 from symcal.data.dataset import Dataset
-from symcal.identification.identify import Calibration
 from symcal.plots.convergence import convergence
 from symcal.plots.distribution import error_distribution
 from symcal.plots.learnt import what_was_learnt

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.ticker import FuncFormatter
 
-from symcal.identification.evaluate import Errors
+from symcal.calibration.evaluate import Errors
 from symcal.images.rendered import Example
 from symcal.images.run import ImageRun
 from symcal.plots.style import (

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from symcal.identification.identify import Calibration
+from symcal.calibration.identify import Calibration
 from symcal.plots.style import BLUE, FAINT, INK, WIDE, Illustration, escaped, print_settings, settle, sheet
 from symcal.words import MOSTLY, listed, percent, symbol
 

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from symcal.identification.evaluate import Errors
+from symcal.calibration.evaluate import Errors
 from symcal.plots.style import FAINT, LOOKS, PARTS, Comparison, Look, marks
 from symcal.words import plural
 

@@ -11,8 +11,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from symcal.identification.estimation import Fit
-from symcal.identification.identify import Calibration
+from symcal.calibration.identify import Calibration
+from symcal.fit.estimation import Fit
 from symcal.plots.style import BLUE, FAINT, INK, WIDE, Illustration, escaped, grid, print_settings, settle, sheet
 from symcal.words import MOSTLY, listed, number, plural, symbol
 

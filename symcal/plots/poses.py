@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from symcal.identification.evaluate import Errors
+from symcal.calibration.evaluate import Errors
 from symcal.plots.panels import (
     SHOWN,
     crowded,

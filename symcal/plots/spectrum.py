@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
-from symcal.identification.identifiability import Identifiability
+from symcal.fit.identifiability import Identifiability
 from symcal.plots.style import (
     BLUE,
     FAINT,

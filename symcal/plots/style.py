@@ -11,7 +11,7 @@ import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from symcal.identification.evaluate import Errors
+from symcal.calibration.evaluate import Errors
 
 Comparison = Mapping[str, Mapping[str, Errors]]
 """Errors by part of the data (`train`, `test`, `cross_validation`, ...) and by state (`before`, `after`, ...)."""

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.identification.identifiability import Identifiability, analyse
-from symcal.identification.model import Model, Task, build_model
+from symcal.fit.identifiability import Identifiability, analyse
 from symcal.kernels import batch_function
 from symcal.kinematics import chain, forward, frame_vector
+from symcal.model import Model, Task, build_model
 from symcal.parameters import parameter_set
 from symcal.robot.robot import Robot
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from symcal.calibration.simulate import Noise, concatenate, simulate
 from symcal.compensation.handover import true_robot
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, FileData, SimulatedData
@@ -14,8 +15,7 @@ from symcal.data.dataset import Dataset, with_random_test
 from symcal.data.measurement_file import load_measurements
 from symcal.documents.document import Document
 from symcal.errors import InputError
-from symcal.identification.model import Model
-from symcal.identification.simulate import Noise, concatenate, simulate
+from symcal.model import Model
 from symcal.planning.planned import Planned
 from symcal.robot.robot import Robot
 

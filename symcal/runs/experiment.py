@@ -9,6 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from symcal.calibration import results
+from symcal.calibration.credibility import claim, extrapolation
+from symcal.calibration.evaluate import Errors, compare, cross_validate, expected_position_rms
+from symcal.calibration.identify import Calibration, baseline_model, calibrate
 from symcal.compensation.handover import POSES, Handover, hand_over
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, FileData, RenderedData, SimulatedData
@@ -17,14 +21,10 @@ from symcal.data.measurement_file import save_measurements
 from symcal.documents.document import Document, write_document
 from symcal.errors import InputError, RefusedError
 from symcal.export.results import correction_facts, handover_facts
-from symcal.identification import results
-from symcal.identification.credibility import claim, extrapolation
-from symcal.identification.estimation import Options
-from symcal.identification.evaluate import Errors, compare, cross_validate, expected_position_rms
-from symcal.identification.identify import Calibration, baseline_model, calibrate
-from symcal.identification.model import Model, build_model
+from symcal.fit.estimation import Options
 from symcal.images.files import write_images
 from symcal.images.run import AGAINST, ImageRun, run_images
+from symcal.model import Model, build_model
 from symcal.planning.plan_file import write_plan
 from symcal.planning.planned import Planned, find_plan, plan_generator
 from symcal.planning.problem import plan_problem

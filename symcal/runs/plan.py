@@ -9,10 +9,10 @@ from typing import Any
 
 import pandas as pd
 
+from symcal.calibration import results
 from symcal.config import conversion as config
 from symcal.documents.document import write_document
 from symcal.documents.table import read_table
-from symcal.identification import results
 from symcal.planning.findings import PlanFindings, find
 from symcal.planning.plan_file import write_plan, write_waypoints
 from symcal.planning.results import (

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from symcal.calibration import results
 from symcal.compensation.handover import POSES, Handover, hand_over, true_robot
 from symcal.data.measurement_file import save_measurements
 from symcal.documents.document import write_document
 from symcal.export.corrections import corrections
 from symcal.export.results import correction_facts, handover_facts
-from symcal.identification import results
 from symcal.paper_study.content import study_content
 from symcal.paper_study.results import Study
 from symcal.paper_study.study import run_study

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from symcal.calibration.evaluate import Errors
+from symcal.calibration.identify import Calibration
 from symcal.data.dataset import Dataset
 from symcal.export.corrections import corrections
-from symcal.identification.evaluate import Errors
-from symcal.identification.identify import Calibration
 
 
 def tables(

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from symcal.calibration import results
+from symcal.calibration.evaluate import Errors, evaluate
+from symcal.calibration.identify import place
+from symcal.calibration.scene_record import recorded_scene
 from symcal.data.measurement_file import load_measurements
 from symcal.documents.table import read_table
 from symcal.errors import InputError
-from symcal.identification import results
-from symcal.identification.estimation import Options
-from symcal.identification.evaluate import Errors, evaluate
-from symcal.identification.identify import place
-from symcal.identification.model import Model, Part, State, Task, build_model, pixels_task
-from symcal.identification.scene_record import recorded_scene
+from symcal.fit.estimation import Options
+from symcal.model import Model, Part, State, Task, build_model, pixels_task
 from symcal.robot.robot import Robot, load_robot
 from symcal.runs.folder import run_folder, write_json
 

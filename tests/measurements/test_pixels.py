@@ -13,17 +13,17 @@ from scipy.spatial.transform import Rotation
 from strategies import random_frame, random_robot
 
 from symcal import spatial
+from symcal.calibration.evaluate import cross_validate
+from symcal.calibration.identify import identify
+from symcal.calibration.simulate import Noise, simulate
 from symcal.camera.camera import INTRINSIC_NAMES, Camera
 from symcal.camera.target import Target
 from symcal.errors import InputError, RefusedError
-from symcal.identification.estimation import Options
-from symcal.identification.evaluate import cross_validate
-from symcal.identification.identifiability import analyse
-from symcal.identification.identify import identify
-from symcal.identification.model import Scene, Task, build_model, pixels_task
-from symcal.identification.simulate import Noise, simulate
+from symcal.fit.estimation import Options
+from symcal.fit.identifiability import analyse
 from symcal.kinematics import chain
 from symcal.measurements import Setup, pixels
+from symcal.model import Scene, Task, build_model, pixels_task
 from symcal.parameters import parameter_set
 
 NAMES = ("P1", "P2", "P3", "P4")

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from study_case import outcome
 
 from symcal.data.dataset import Dataset
-from symcal.identification.estimation import Options, fit
-from symcal.identification.rows import rows_of
+from symcal.fit.estimation import Options, fit
+from symcal.fit.residual_rows import rows_of
 from symcal.paper_study.batch_fit import fit_many
 from symcal.paper_study.mirror import canonical
 from symcal.paper_study.repetitions import cramer_rao, judge, measure

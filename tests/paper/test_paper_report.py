@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from symcal.identification.simulate import Noise
+from symcal.calibration.simulate import Noise
 from symcal.paper_study import published
 from symcal.paper_study.printed import printed_tables
 from symcal.paper_study.results import Study

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from symcal import spatial
 from symcal.data.dataset import Dataset
 from symcal.errors import InputError
-from symcal.identification.camera_placement import Placement, place_camera, target_poses
-from symcal.identification.estimation import Options, fit
-from symcal.identification.model import Model, Scene
-from symcal.identification.rows import rows_of
+from symcal.fit.estimation import Options, fit
+from symcal.fit.residual_rows import rows_of
 from symcal.measurements import Setup
+from symcal.model import Model, Scene
+from symcal.placing.camera_placement import Placement, place_camera, target_poses
 
 Array = NDArray[np.float64]
 

@@ -1,7 +1,7 @@
 """Unknown variances of a fit: noise of each group, one factor on the plausible sizes, and robust weights.
 
 For the model linearised at an estimate they are those of largest marginal likelihood
-(`symcal.identification.variance_components`). With a robust loss the noise comes from the median of the residuals
+(`symcal.fit.variance_components`). With a robust loss the noise comes from the median of the residuals
 instead, and the weights with it.
 """
 
@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
-from symcal.identification.noise import SIGMA_FLOOR, Loss, block_sigmas, robust_weights
-from symcal.identification.variance_components import Block, Components, at_variances, compressed, most_likely
-from symcal.identification.whitened import Whitened
+from symcal.fit.noise import SIGMA_FLOOR, Loss, block_sigmas, robust_weights
+from symcal.fit.variance_components import Block, Components, at_variances, compressed, most_likely
+from symcal.fit.whitened import Whitened
 
 Array = NDArray[np.float64]
 

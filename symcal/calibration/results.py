@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 
 from symcal import spatial
-from symcal.identification.estimation import Fit
-from symcal.identification.evaluate import Errors, statistics
-from symcal.identification.identifiability import Identifiability
-from symcal.identification.identify import Calibration
-from symcal.identification.model import Task
+from symcal.calibration.evaluate import Errors, statistics
+from symcal.calibration.identify import Calibration
+from symcal.fit.estimation import Fit
+from symcal.fit.identifiability import Identifiability
 from symcal.measurements import Setup
+from symcal.model import Task
 from symcal.parameters import ParameterSet
 from symcal.robot.robot import Robot
 

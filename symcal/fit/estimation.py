@@ -5,7 +5,7 @@
 S holds the plausible size of each link parameter's error, s one common factor on them; frames, points and camera are
 nearly free; parameters with a stated prior have that one instead. This is the maximum a posteriori of an empirical
 Bayes model ([Morris1983]): the unknown noise of each group in Sigma, and s, are those of largest marginal likelihood of
-the model linearised at the estimate (`symcal.identification.variance_components`). Estimate and variances are found in
+the model linearised at the estimate (`symcal.fit.variance_components`). Estimate and variances are found in
 turn, each from a minimisation with exact derivatives; changes of the variances that swing to and fro are halved, and a
 fit whose variances have not settled says so. With a robust loss the noise comes from the median of the residuals
 instead.
@@ -21,12 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
-from symcal.identification.identifiability import Identifiability, analyse, numerical_rank
-from symcal.identification.noise import Loss, known_sigma, unknown_noise
-from symcal.identification.posterior import Posterior, posterior_of
-from symcal.identification.rows import Rows
-from symcal.identification.variances import VarianceModel, Variances
-from symcal.identification.whitened import whitened
+from symcal.fit.identifiability import Identifiability, analyse, numerical_rank
+from symcal.fit.noise import Loss, known_sigma, unknown_noise
+from symcal.fit.posterior import Posterior, posterior_of
+from symcal.fit.residual_rows import Rows
+from symcal.fit.variances import VarianceModel, Variances
+from symcal.fit.whitened import whitened
 from symcal.measurements import Setup
 from symcal.solvers import SOLVERS, SolverName
 from symcal.solvers.least_squares import Problem, Solution, Tolerances

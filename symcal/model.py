@@ -13,7 +13,6 @@ from symcal import measurements
 from symcal.camera.camera import INTRINSIC_NAMES, Camera
 from symcal.camera.target import Target
 from symcal.errors import InputError
-from symcal.identification.rows import residual_kernel
 from symcal.kernels import BatchFunction, batch_function
 from symcal.kinematics import chain, forward
 from symcal.measurements import Measurement, Setup
@@ -205,7 +204,7 @@ def build_model(robot: Robot, task: Task) -> Model:
         task=task,
         robot=robot,
         measurement=measurement,
-        residual=residual_kernel(measurement),
+        residual=batch_function(measurement.residual),
         accuracy=batch_function(measurement.accuracy, evaluations=0),
         jacobian=batch_function(measurement.jacobian, evaluations=0),
         flange=batch_function(forward(symbolic), evaluations=0),

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from symcal.identification.variance_components import Block, Components
+from symcal.fit.variance_components import Block, Components
 
 Array = NDArray[np.float64]
 

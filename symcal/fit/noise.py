@@ -1,6 +1,6 @@
 """Noise of the data: known sigmas, robust sigmas from the median of the residuals, robust weights.
 
-Unknown sigmas without a robust loss are variance components (`symcal.identification.variance_components`).
+Unknown sigmas without a robust loss are variance components (`symcal.fit.variance_components`).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from symcal.identification.rows import Rows
+from symcal.fit.residual_rows import Rows
 from symcal.measurements import Group
 
 Array = NDArray[np.float64]

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from symcal import spatial
 from symcal.camera.camera import INTRINSIC_NAMES, Camera
 from symcal.camera.files import camera_from_dict, camera_to_dict, target_from_dict, target_to_dict
-from symcal.identification.model import Model, Scene
 from symcal.measurements import Setup
+from symcal.model import Model, Scene
 
 Array = NDArray[np.float64]
 

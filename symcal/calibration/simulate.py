@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from symcal.camera.camera import Camera, in_image
 from symcal.data.dataset import Dataset
-from symcal.identification.model import Model
 from symcal.kernels import batch_function
+from symcal.model import Model
 
 Array = NDArray[np.float64]
 

@@ -9,17 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
+from symcal.calibration.cautions import plausibility, quality
+from symcal.calibration.scene_record import scene_record
 from symcal.data.dataset import Dataset
 from symcal.errors import InputError, RefusedError
-from symcal.identification.cautions import plausibility, quality
-from symcal.identification.estimation import Fit, Options, check_redundancy, fit
-from symcal.identification.model import Model, Part, State, Task, build_model
-from symcal.identification.noise import unknown_noise
-from symcal.identification.placement import place as place
-from symcal.identification.placement import stated
-from symcal.identification.rows import rows_of
-from symcal.identification.scene_record import scene_record
+from symcal.fit.estimation import Fit, Options, check_redundancy, fit
+from symcal.fit.noise import unknown_noise
+from symcal.fit.residual_rows import rows_of
 from symcal.measurements import Setup
+from symcal.model import Model, Part, State, Task, build_model
+from symcal.placing.placement import place as place
+from symcal.placing.placement import stated
 from symcal.robot.robot import Record, Robot
 
 Array = NDArray[np.float64]

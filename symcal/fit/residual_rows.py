@@ -55,11 +55,6 @@ class Rows:
 
 def rows_of(measurement: Measurement, data: Dataset, setup: Setup, kernel: BatchFunction | None = None) -> Rows:
     """The residual rows of a dataset under a setup; a kernel made before may be used again."""
-    kernel = kernel or residual_kernel(measurement)
+    kernel = kernel or batch_function(measurement.residual)
     seen = np.isfinite(data.z) if measurement.kind != "pose" else np.ones((len(data), measurement.rows), dtype=bool)
     return Rows(measurement, data, setup, kernel, np.nan_to_num(data.z), seen)
-
-
-def residual_kernel(measurement: Measurement) -> BatchFunction:
-    """The residual as fast as this machine can; worth compiling even for one fit, since kernels are kept on disk."""
-    return batch_function(measurement.residual)

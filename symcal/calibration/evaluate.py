@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.calibration.identify import Calibration, baseline_model, calibrate
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
-from symcal.identification.estimation import Fit, Options
-from symcal.identification.identify import Calibration, baseline_model, calibrate
-from symcal.identification.model import Model, State
+from symcal.fit.estimation import Fit, Options
+from symcal.model import Model, State
 
 Array = NDArray[np.float64]
 

@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from symcal.data.dataset import Dataset
-from symcal.identification.estimation import Fit, Options, fit
-from symcal.identification.model import Model
-from symcal.identification.noise import SIGMA_FLOOR
-from symcal.identification.registration import LEVER, Registration, hand_eye, register, virtual_points
-from symcal.identification.rows import rows_of
-from symcal.identification.scene_placement import place_scene
+from symcal.fit.estimation import Fit, Options, fit
+from symcal.fit.noise import SIGMA_FLOOR
+from symcal.fit.residual_rows import rows_of
 from symcal.measurements import Setup
+from symcal.model import Model
 from symcal.parameters import FRAME_AXES
+from symcal.placing.registration import LEVER, Registration, hand_eye, register, virtual_points
+from symcal.placing.scene_placement import place_scene
 from symcal.spatial import inverse, pose_matrix
 
 Array = NDArray[np.float64]

@@ -21,7 +21,7 @@ from symcal.camera.camera import Camera, project_points
 from symcal.camera.p3p import solve_p3p_batch
 from symcal.camera.target import Target
 from symcal.errors import RefusedError
-from symcal.identification.registration import hand_eye
+from symcal.placing.registration import hand_eye
 
 Array = NDArray[np.float64]
 

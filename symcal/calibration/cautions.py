@@ -8,11 +8,11 @@ from scipy import stats
 
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
-from symcal.identification.estimation import Fit
-from symcal.identification.model import Model, State
-from symcal.identification.noise import known_sigma, spread_of
-from symcal.identification.registration import LEVER
-from symcal.identification.rows import rows_of
+from symcal.fit.estimation import Fit
+from symcal.fit.noise import known_sigma, spread_of
+from symcal.fit.residual_rows import rows_of
+from symcal.model import Model, State
+from symcal.placing.registration import LEVER
 
 Array = NDArray[np.float64]
 

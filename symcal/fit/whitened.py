@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.identification.noise import spread_of
-from symcal.identification.rows import Rows
+from symcal.fit.noise import spread_of
+from symcal.fit.residual_rows import Rows
 from symcal.parameters import ParameterSet
 
 Array = NDArray[np.float64]

@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.identification.estimation import Fit
-from symcal.identification.evaluate import Errors, without_rigid_motion
-from symcal.identification.model import Model, State
-from symcal.identification.registration import rigid_fit
+from symcal.calibration.evaluate import Errors, without_rigid_motion
+from symcal.fit.estimation import Fit
+from symcal.model import Model, State
+from symcal.placing.registration import rigid_fit
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.spatial import cKDTree
 
+from symcal.calibration.evaluate import Errors, statistics
 from symcal.data.dataset import Dataset
-from symcal.identification.evaluate import Errors, statistics
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,1 @@
+"""From measurements to a calibrated robot: identification, how good it is, what to doubt, and its results as data."""

@@ -1,1 +1,0 @@
-"""From measurements to a calibrated robot: model, first values, fit, what was seen, how good, what to doubt."""

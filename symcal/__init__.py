@@ -47,8 +47,8 @@ if TYPE_CHECKING:
     from symcal.export import save_json as save_json
     from symcal.export import save_urdf as save_urdf
     from symcal.fit.estimation import Options as Options
-    from symcal.model import Task as Task
-    from symcal.model import build_model as build_model
+    from symcal.model.model import Task as Task
+    from symcal.model.model import build_model as build_model
     from symcal.planning.information import pose_information as pose_information
     from symcal.planning.search import select_poses as select_poses
     from symcal.report import write_report as write_report
@@ -91,8 +91,8 @@ _HOME = {
     "identify": "calibration.identify",
     "load_measurements": "data.measurement_file",
     "save_measurements": "data.measurement_file",
-    "Task": "model",
-    "build_model": "model",
+    "Task": "model.model",
+    "build_model": "model.model",
     "pose_information": "planning.information",
     "select_poses": "planning.search",
     "write_report": "report",

@@ -10,7 +10,7 @@ import numpy as np
 
 from symcal.calibration.simulate import Noise, simulate
 from symcal.data.dataset import Dataset
-from symcal.model import Model, Task, build_model
+from symcal.model.model import Model, Task, build_model
 from symcal.robot.robot import Joint, Link, Robot, load_robot
 
 ROBOTS = Path(__file__).resolve().parent.parent / "configs" / "robots"

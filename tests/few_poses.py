@@ -24,7 +24,7 @@ from symcal.calibration.simulate import Noise, simulate
 from symcal.data.dataset import Dataset
 from symcal.fit.estimation import Options
 from symcal.measurements import Setup
-from symcal.model import Model, Task, build_model
+from symcal.model.model import Model, Task, build_model
 from symcal.robot.robot import Robot
 
 SPECTRA = {

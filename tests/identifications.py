@@ -14,7 +14,7 @@ from symcal.calibration.identify import Calibration, baseline_model, calibrate
 from symcal.calibration.simulate import Noise, concatenate, simulate
 from symcal.data.dataset import Dataset
 from symcal.fit.estimation import Options
-from symcal.model import Task, build_model
+from symcal.model.model import Task, build_model
 from symcal.robot.robot import load_robot
 
 

@@ -23,7 +23,7 @@ from symcal.calibration.simulate import Noise, simulate
 from symcal.fit.estimation import Options, fit
 from symcal.fit.residual_rows import rows_of
 from symcal.measurements import Setup
-from symcal.model import Model
+from symcal.model.model import Model
 from symcal.placing.registration import rigid_fit
 
 LEVELS = (0.68, 0.95)

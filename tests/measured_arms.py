@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from symcal.calibration.simulate import Noise, simulate
-from symcal.model import Task, build_model
+from symcal.model.model import Task, build_model
 from symcal.robot.robot import Convention, Joint, Link, Robot, save_robot
 
 NOISE = 0.05  # mm, per axis

@@ -16,7 +16,7 @@ from symcal.calibration.identify import Calibration, calibrate
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Options
-from symcal.model import Model, Task, build_model
+from symcal.model.model import Model, Task, build_model
 from symcal.solvers.least_squares import Tolerances
 
 BOTH = frozenset({"base", "tool"})

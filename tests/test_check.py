@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from measured_arms import ARMS, arm
 
-from symcal.model import Task, build_model
+from symcal.model.model import Task, build_model
 from symcal.robot.robot import Link, Robot, load_robot
 from symcal.runs.check import check_model, check_robot, parallel_axes, pose_at_zero
 

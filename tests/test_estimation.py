@@ -20,7 +20,7 @@ from symcal.fit.estimation import Fit, Options, fit
 from symcal.fit.identifiability import analyse
 from symcal.fit.residual_rows import rows_of
 from symcal.fit.whitened import FREEDOM
-from symcal.model import Model, Task, build_model
+from symcal.model.model import Model, Task, build_model
 from symcal.robot.robot import Robot
 from symcal.solvers import SOLVERS
 from symcal.solvers.least_squares import Tolerances

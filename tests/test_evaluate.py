@@ -19,7 +19,7 @@ from symcal.calibration.identify import calibrate
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Options
-from symcal.model import Model, State, Task, build_model
+from symcal.model.model import Model, State, Task, build_model
 from symcal.spatial import pose_matrix
 
 POINTS = dict(zip("abc", TRIANGLE, strict=True))

@@ -15,8 +15,8 @@ from symcal.calibration.identify import identify
 from symcal.data.dataset import Dataset
 from symcal.errors import InputError, RefusedError
 from symcal.kinematics import chain, forward, frame_vector
-from symcal.model import Task
-from symcal.parameters import parameter_set
+from symcal.model.model import Task
+from symcal.model.parameter_set import parameter_set
 from symcal.robot.robot import load_robot
 from symcal.runs.experiment import run
 

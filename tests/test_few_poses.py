@@ -21,7 +21,7 @@ from symcal.errors import RefusedError
 from symcal.fit.estimation import Fit, Options, fit
 from symcal.fit.residual_rows import rows_of
 from symcal.fit.whitened import FREEDOM
-from symcal.model import Model, Task, build_model
+from symcal.model.model import Model, Task, build_model
 from symcal.robot.robot import Robot
 from symcal.runs.data import measurements
 from symcal.runs.experiment import load

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.linalg import null_space, subspace_angles
 
 from symcal.fit.identifiability import Identifiability, analyse, decompose, numerical_rank, sparse_basis
-from symcal.model import Task, build_model
+from symcal.model.model import Task, build_model
 from symcal.parameters import Parameter, ParameterSet
 from symcal.robot.robot import Robot
 

@@ -19,7 +19,7 @@ from symcal.calibration.simulate import Noise, simulate
 from symcal.data.dataset import Dataset
 from symcal.errors import InputError, RefusedError
 from symcal.fit.estimation import Options
-from symcal.model import Model, State, Task, build_model
+from symcal.model.model import Model, State, Task, build_model
 from symcal.placing.placement import place, stated
 from symcal.robot.robot import Robot
 from symcal.solvers import SOLVERS

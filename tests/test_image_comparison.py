@@ -19,7 +19,7 @@ from symcal.fit.estimation import Options, fit
 from symcal.fit.residual_rows import rows_of
 from symcal.images.comparison import compare_ways
 from symcal.images.p3p_data import p3p_positions
-from symcal.model import Scene, State, Task, build_model, pixels_task
+from symcal.model.model import Scene, State, Task, build_model, pixels_task
 from symcal.placing.scene_placement import flange_poses
 
 SCENE = Scene(camera(), target(mount=False))

@@ -15,7 +15,8 @@ from scipy.linalg import expm
 from strategies import generators, random_robot, readings
 
 from symcal.kinematics import chain, forward, frame_vector, function, omegas, stack
-from symcal.parameters import ParameterSet, parameter_set
+from symcal.model.parameter_set import parameter_set
+from symcal.parameters import ParameterSet
 from symcal.robot.robot import Joint, Link, Robot, is_angle, load_robot
 
 TOOLS = st.sampled_from(["frame", "position", None])

@@ -16,7 +16,7 @@ from strategies import random_frame, random_robot, readings, seeds
 from symcal import measurements
 from symcal.kinematics import chain
 from symcal.measurements import Measurement, Setup
-from symcal.parameters import parameter_set
+from symcal.model.parameter_set import parameter_set
 from symcal.robot.robot import Robot
 from symcal.spatial import inverse, pose_matrix
 

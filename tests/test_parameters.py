@@ -11,7 +11,8 @@ from strategies import robots
 
 from symcal.camera.camera import INTRINSIC_NAMES, Camera
 from symcal.errors import InputError
-from symcal.parameters import Parameter, ParameterSet, parameter_set
+from symcal.model.parameter_set import parameter_set
+from symcal.parameters import Parameter, ParameterSet
 from symcal.robot.robot import Joint, Link, Robot
 
 ROBOT = Robot(

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from symcal.calibration.evaluate import evaluate
 from symcal.calibration.simulate import Noise, concatenate, simulate
 from symcal.data.dataset import with_random_test
-from symcal.model import State, Task, build_model
+from symcal.model.model import State, Task, build_model
 from symcal.spatial import inverse, pose_matrix
 
 

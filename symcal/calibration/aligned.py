@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from symcal.calibration.evaluate import Errors, without_rigid_motion
 from symcal.fit.estimation import Fit
-from symcal.model import Model, State
+from symcal.model.model import Model, State
 from symcal.placing.registration import rigid_fit
 
 Array = NDArray[np.float64]

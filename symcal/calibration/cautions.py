@@ -11,7 +11,7 @@ from symcal.errors import RefusedError
 from symcal.fit.estimation import Fit
 from symcal.fit.noise import known_sigma, spread_of
 from symcal.fit.residual_rows import rows_of
-from symcal.model import Model, State
+from symcal.model.model import Model, State
 from symcal.placing.registration import LEVER
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from symcal.calibration.identify import Calibration, baseline_model, calibrate
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Fit, Options
-from symcal.model import Model, State
+from symcal.model.model import Model, State
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from symcal.fit.estimation import Fit, Options, check_redundancy, fit
 from symcal.fit.noise import unknown_noise
 from symcal.fit.residual_rows import rows_of
 from symcal.measurements import Setup
-from symcal.model import Model, Part, State, Task, build_model
+from symcal.model.model import Model, Part, State, Task, build_model
 from symcal.placing.placement import place as place
 from symcal.placing.placement import stated
 from symcal.robot.robot import Record, Robot

@@ -21,7 +21,7 @@ from symcal.calibration.identify import Calibration
 from symcal.fit.estimation import Fit
 from symcal.fit.identifiability import Identifiability
 from symcal.measurements import Setup
-from symcal.model import Task
+from symcal.model.model import Task
 from symcal.parameters import ParameterSet
 from symcal.robot.robot import Robot
 

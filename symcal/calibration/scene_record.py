@@ -14,7 +14,7 @@ from symcal import spatial
 from symcal.camera.camera import INTRINSIC_NAMES, Camera
 from symcal.camera.files import camera_from_dict, camera_to_dict, target_from_dict, target_to_dict
 from symcal.measurements import Setup
-from symcal.model import Model, Scene
+from symcal.model.model import Model, Scene
 
 Array = NDArray[np.float64]
 

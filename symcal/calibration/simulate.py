@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from symcal.camera.camera import Camera, in_image
 from symcal.data.dataset import Dataset
 from symcal.kernels import batch_function
-from symcal.model import Model
+from symcal.model.model import Model
 
 Array = NDArray[np.float64]
 

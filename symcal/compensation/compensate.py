@@ -27,7 +27,7 @@ from symcal.compensation.targets import POSE_JOINTS, Targets, base_chain, base_f
 from symcal.errors import InputError, RefusedError
 from symcal.kernels.batch import BatchFunction, batch_function
 from symcal.kinematics import chain, function, omegas, stack
-from symcal.parameters import parameter_set
+from symcal.model.parameter_set import parameter_set
 from symcal.robot.robot import Robot
 
 SX = ca.SX

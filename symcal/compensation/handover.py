@@ -21,7 +21,7 @@ from symcal.calibration.evaluate import Errors
 from symcal.compensation.compensate import Compensation, compensate
 from symcal.compensation.targets import commanded, tool_pose
 from symcal.kernels.batch import batch_function
-from symcal.model import Model
+from symcal.model.model import Model
 from symcal.placing.registration import rigid_fit
 from symcal.robot.robot import Robot
 

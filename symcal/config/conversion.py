@@ -23,7 +23,7 @@ from symcal.documents.document import Document, Key, read_document, validate
 from symcal.documents.yaml_dialect import parse_value
 from symcal.errors import InputError
 from symcal.fit.estimation import Options
-from symcal.model import Scene, Task, pixels_task
+from symcal.model.model import Scene, Task, pixels_task
 from symcal.robot.robot import Robot
 from symcal.solvers.least_squares import Tolerances
 from symcal.units import LENGTH

@@ -16,7 +16,7 @@ from symcal.data.dataset import Dataset
 from symcal.fit.residual_rows import rows_of
 from symcal.images.comparison import Ways
 from symcal.images.rendered import RenderedImages
-from symcal.model import Scene
+from symcal.model.model import Scene
 from symcal.vision.calibrate import CameraCalibration
 
 Array = NDArray[np.float64]

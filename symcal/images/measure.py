@@ -24,7 +24,7 @@ from symcal.documents.table import joint_readings, read_table
 from symcal.errors import InputError, RefusedError
 from symcal.kernels import batch_function
 from symcal.kinematics import chain, forward, frame_vector
-from symcal.parameters import parameter_set
+from symcal.model.parameter_set import parameter_set
 from symcal.placing.camera_placement import place_camera
 from symcal.placing.registration import rigid_fit
 from symcal.robot.robot import Robot

@@ -14,7 +14,7 @@ from symcal.camera.camera import Camera
 from symcal.camera.target import Target
 from symcal.images.measure import Measured, Shot
 from symcal.measurements import Setup
-from symcal.model import Model
+from symcal.model.model import Model
 from symcal.vision.board import Detection, Refusal, detect_board
 from symcal.vision.board_views import board_views
 from symcal.vision.calibrate import CameraCalibration, calibrate_camera

@@ -28,7 +28,7 @@ from symcal.images.comparison import Ways, compare_ways
 from symcal.images.facts import accuracy_facts, camera_facts, comparison_facts, image_facts, project_poses
 from symcal.images.measure import Measured, Shot, measure_images
 from symcal.images.rendered import Example, RenderedImages, calibrate_rendered, target_poses, target_shots
-from symcal.model import Model, Scene, State, build_model, pixels_task
+from symcal.model.model import Model, Scene, State, build_model, pixels_task
 from symcal.planning.area import draw
 from symcal.planning.planned import Planned, find_plan, plan_generator
 from symcal.planning.problem import PlanProblem, plan_problem

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
-from symcal.model import Model
+from symcal.model.model import Model
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from symcal.data.dataset import Dataset
 from symcal.fit.estimation import Fit
 from symcal.fit.identifiability import Identifiability
 from symcal.kernels import BatchFunction
-from symcal.model import Model
+from symcal.model.model import Model
 from symcal.planning.camera_view import CameraView
 from symcal.planning.certificate import Certificate
 from symcal.planning.fitness import Reading

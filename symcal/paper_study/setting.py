@@ -15,7 +15,7 @@ from symcal.config.study import Scene, StudyConfig
 from symcal.documents.document import Document
 from symcal.errors import RefusedError
 from symcal.kernels import batch_function
-from symcal.model import Model
+from symcal.model.model import Model
 from symcal.paper_study.results import Setting
 from symcal.planning.camera_view import CameraView, camera_view, look_at
 from symcal.planning.maximum import feasible_set

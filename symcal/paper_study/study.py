@@ -13,7 +13,7 @@ from symcal.config.conversion import ExperimentFile
 from symcal.documents.document import Document
 from symcal.errors import InputError
 from symcal.fit.estimation import Options
-from symcal.model import Model
+from symcal.model.model import Model
 from symcal.paper_study.gauge import gauge
 from symcal.paper_study.plans import certified_plan, random_plans, reading_of, study_plans, weights_of
 from symcal.paper_study.readings import readings

@@ -13,7 +13,7 @@ from symcal.fit.estimation import Fit, Options, fit
 from symcal.fit.noise import SIGMA_FLOOR
 from symcal.fit.residual_rows import rows_of
 from symcal.measurements import Setup
-from symcal.model import Model
+from symcal.model.model import Model
 from symcal.parameters import FRAME_AXES
 from symcal.placing.registration import LEVER, Registration, hand_eye, register, virtual_points
 from symcal.placing.scene_placement import place_scene

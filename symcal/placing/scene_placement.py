@@ -13,7 +13,7 @@ from symcal.errors import InputError
 from symcal.fit.estimation import Options, fit
 from symcal.fit.residual_rows import rows_of
 from symcal.measurements import Setup
-from symcal.model import Model, Scene
+from symcal.model.model import Model, Scene
 from symcal.placing.camera_placement import Placement, place_camera, target_poses
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from symcal.config.conversion import ExperimentFile
 from symcal.config.plan import PlanConfig
 from symcal.documents.document import Document
-from symcal.model import Model
+from symcal.model.model import Model
 from symcal.planning.area import draw
 from symcal.planning.band import RandomBand, random_band
 from symcal.planning.methods import fewest_poses

@@ -14,7 +14,7 @@ from symcal.config.conversion import ExperimentFile, SimulatedData
 from symcal.config.plan import AreaRegion, BoxRegion
 from symcal.documents.document import Document, Key
 from symcal.errors import RefusedError
-from symcal.model import Model
+from symcal.model.model import Model
 from symcal.planning.area import Feasible, WorkingArea
 from symcal.planning.camera_view import CameraView
 from symcal.planning.constraints import Constraint, feasible, insist, joint_limits

@@ -11,7 +11,7 @@ from symcal.calibration.evaluate import Errors
 from symcal.config.conversion import ExperimentFile
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
-from symcal.model import Model
+from symcal.model.model import Model
 from symcal.planning.area import WorkingArea
 from symcal.planning.information import pose_information
 from symcal.planning.problem import nominal_noise

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from symcal.calibration.evaluate import evaluate
 from symcal.calibration.identify import Calibration
 from symcal.data.dataset import Dataset
-from symcal.model import State
+from symcal.model.model import State
 from symcal.plots.style import BLUE, NARROW, ORANGE, PARTS, Illustration, grid, print_settings, settle, sheet
 from symcal.words import number, plural
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from symcal.fit.identifiability import Identifiability, analyse
 from symcal.kernels import batch_function
 from symcal.kinematics import chain, forward, frame_vector
-from symcal.model import Model, Task, build_model
-from symcal.parameters import parameter_set
+from symcal.model.model import Model, Task, build_model
+from symcal.model.parameter_set import parameter_set
 from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from symcal.data.dataset import Dataset, with_random_test
 from symcal.data.measurement_file import load_measurements
 from symcal.documents.document import Document
 from symcal.errors import InputError
-from symcal.model import Model
+from symcal.model.model import Model
 from symcal.planning.planned import Planned
 from symcal.robot.robot import Robot
 

@@ -24,7 +24,7 @@ from symcal.export.results import correction_facts, handover_facts
 from symcal.fit.estimation import Options
 from symcal.images.files import write_images
 from symcal.images.run import AGAINST, ImageRun, run_images
-from symcal.model import Model, build_model
+from symcal.model.model import Model, build_model
 from symcal.planning.plan_file import write_plan
 from symcal.planning.planned import Planned, find_plan, plan_generator
 from symcal.planning.problem import plan_problem

@@ -18,7 +18,7 @@ from symcal.data.measurement_file import load_measurements
 from symcal.documents.table import read_table
 from symcal.errors import InputError
 from symcal.fit.estimation import Options
-from symcal.model import Model, Part, State, Task, build_model, pixels_task
+from symcal.model.model import Model, Part, State, Task, build_model, pixels_task
 from symcal.robot.robot import Robot, load_robot
 from symcal.runs.folder import run_folder, write_json
 

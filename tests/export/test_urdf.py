@@ -18,7 +18,8 @@ from symcal import spatial
 from symcal.errors import InputError, RefusedError
 from symcal.export.urdf import roll_pitch_yaw, save_urdf, urdf_text
 from symcal.kinematics import chain, forward, frame_vector
-from symcal.parameters import ParameterSet, parameter_set
+from symcal.model.parameter_set import parameter_set
+from symcal.parameters import ParameterSet
 from symcal.robot.conventions import convert, craig_robot
 from symcal.robot.robot import Joint, Record, Robot, load_robot
 from symcal.robot.urdf import load_urdf

@@ -23,8 +23,8 @@ from symcal.fit.estimation import Options
 from symcal.fit.identifiability import analyse
 from symcal.kinematics import chain
 from symcal.measurements import Setup, pixels
-from symcal.model import Scene, Task, build_model, pixels_task
-from symcal.parameters import parameter_set
+from symcal.model.model import Scene, Task, build_model, pixels_task
+from symcal.model.parameter_set import parameter_set
 
 NAMES = ("P1", "P2", "P3", "P4")
 

@@ -11,7 +11,7 @@ from symcal.camera.camera import Camera
 from symcal.camera.target import Target
 from symcal.kinematics import Chain, chain
 from symcal.measurements import Setup
-from symcal.parameters import parameter_set
+from symcal.model.parameter_set import parameter_set
 from symcal.planning.camera_view import CameraView, camera_view, look_at
 from symcal.robot.robot import Robot, load_robot
 

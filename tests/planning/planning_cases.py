@@ -10,7 +10,7 @@ import numpy as np
 
 from symcal import kinematics
 from symcal.measurements import Setup, pose, position
-from symcal.parameters import parameter_set
+from symcal.model.parameter_set import parameter_set
 from symcal.planning.area import working_area
 from symcal.planning.information import PoseInformation, pose_information
 from symcal.robot.robot import Joint, Link, Robot, load_robot

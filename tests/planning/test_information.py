@@ -11,7 +11,7 @@ from planning_cases import fr3, handling
 from symcal import kinematics
 from symcal.errors import InputError, RefusedError
 from symcal.measurements import Setup, position
-from symcal.parameters import parameter_set
+from symcal.model.parameter_set import parameter_set
 from symcal.planning.area import draw, working_area
 from symcal.planning.information import pose_information
 from symcal.robot.robot import load_robot

@@ -9,7 +9,7 @@ from planning_cases import SIGMA, handling
 from symcal import kinematics
 from symcal.errors import InputError, RefusedError
 from symcal.measurements import Setup, position
-from symcal.parameters import parameter_set
+from symcal.model.parameter_set import parameter_set
 from symcal.planning.information import pose_information
 from symcal.planning.promise import poses_needed, promise
 

@@ -9,7 +9,7 @@ from planning_cases import handling
 from symcal import kinematics
 from symcal.errors import InputError, RefusedError
 from symcal.measurements import Setup, position
-from symcal.parameters import parameter_set
+from symcal.model.parameter_set import parameter_set
 from symcal.planning.information import pose_information
 from symcal.planning.maximum import FeasibleSet, feasible_set, largest
 from symcal.planning.region import TaskRegion, area_region, box_region, csv_region, region_accuracy, tool_points

@@ -13,7 +13,7 @@ from symcal.compensation.targets import POSE_JOINTS, base_chain, base_frames
 from symcal.errors import RefusedError
 from symcal.kernels.instructions import Constant, Instruction, Program, read_program
 from symcal.kinematics import chain, function, omegas, stack
-from symcal.parameters import parameter_set
+from symcal.model.parameter_set import parameter_set
 from symcal.robot.robot import Robot
 
 SX = ca.SX

@@ -17,7 +17,7 @@ from symcal.compensation.compensate import LEVER, REACHED, joint_caps
 from symcal.export.c.expressions import portable
 from symcal.export.c.names import identifiers, printable
 from symcal.kernels.instructions import Program, c_constant, c_statements, scalar_definitions
-from symcal.parameters import parameter_set
+from symcal.model.parameter_set import parameter_set
 from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]

@@ -16,7 +16,8 @@ from symcal.errors import InputError
 from symcal.kernels import BatchFunction, batch_function
 from symcal.kinematics import chain, forward
 from symcal.measurements import Measurement, Setup
-from symcal.parameters import ParameterSet, parameter_set
+from symcal.model.parameter_set import parameter_set
+from symcal.parameters import ParameterSet
 from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]

@@ -1,0 +1,1 @@
+"""What is measured on a robot and what is unknown: the parameters, and the symbolic model compiled for them."""

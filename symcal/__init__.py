@@ -18,18 +18,10 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from symcal.calibration.evaluate import (
-        compare as compare,
-    )
-    from symcal.calibration.evaluate import (
-        cross_validate as cross_validate,
-    )
-    from symcal.calibration.evaluate import (
-        evaluate as evaluate,
-    )
-    from symcal.calibration.evaluate import (
-        statistics as statistics,
-    )
+    from symcal.calibration.compare import compare as compare
+    from symcal.calibration.compare import cross_validate as cross_validate
+    from symcal.calibration.evaluate import evaluate as evaluate
+    from symcal.calibration.evaluate import statistics as statistics
     from symcal.calibration.identify import Calibration as Calibration
     from symcal.calibration.identify import identify as identify
     from symcal.calibration.simulate import Noise as Noise
@@ -79,8 +71,8 @@ _HOME = {
     "RefusedError": "errors",
     "SymcalError": "errors",
     "Options": "fit.estimation",
-    "compare": "calibration.evaluate",
-    "cross_validate": "calibration.evaluate",
+    "compare": "calibration.compare",
+    "cross_validate": "calibration.compare",
     "evaluate": "calibration.evaluate",
     "statistics": "calibration.evaluate",
     "run": "runs.experiment",

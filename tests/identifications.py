@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from symcal.calibration import results
-from symcal.calibration.evaluate import Errors, compare, expected_position_rms
+from symcal.calibration.compare import compare
+from symcal.calibration.evaluate import Errors, expected_position_rms
 from symcal.calibration.identify import Calibration, baseline_model, calibrate
 from symcal.calibration.simulate import Noise, concatenate, simulate
 from symcal.data.dataset import Dataset

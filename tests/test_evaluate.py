@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from strategies import random_frame
 
-from symcal.calibration import evaluate as module
-from symcal.calibration.evaluate import compare, cross_validate, evaluate, expected_position_rms, folds, statistics
+from symcal.calibration import compare as module
+from symcal.calibration.compare import compare, cross_validate, folds
+from symcal.calibration.evaluate import evaluate, expected_position_rms, statistics
 from symcal.calibration.identify import calibrate
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError

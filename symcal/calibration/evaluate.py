@@ -1,17 +1,14 @@
-"""How accurate: errors of a robot's tool against measurements, cross-validation, and what was to be expected."""
+"""How accurate: errors of a robot's tool against measurements, and what was to be expected."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.calibration.identify import Calibration, baseline_model, calibrate
 from symcal.data.dataset import Dataset
-from symcal.errors import RefusedError
-from symcal.fit.estimation import Fit, Options
+from symcal.fit.estimation import Fit
 from symcal.model.model import Model, State
 
 Array = NDArray[np.float64]
@@ -105,50 +102,3 @@ def without_rigid_motion(points: Array, jacobian: Array) -> Array:
     basis, _ = np.linalg.qr(motion / np.linalg.norm(motion, axis=0))
     flat = jacobian.reshape(-1, jacobian.shape[2])
     return np.asarray((flat - basis @ (basis.T @ flat)).reshape(jacobian.shape))
-
-
-def folds(data: Dataset, count: int, rng: np.random.Generator) -> list[NDArray[np.intp]]:
-    """Indices of the held-out poses of each fold; poses in random order, sizes equal to within one.
-
-    Raises:
-        RefusedError: fewer poses than folds.
-    """
-    if len(data) < count:
-        raise RefusedError(f"{len(data)} poses cannot be split into {count} folds")
-    return [np.sort(part) for part in np.array_split(rng.permutation(len(data)), count)]
-
-
-def cross_validate(
-    model: Model, data: Dataset, options: Options, count: int, rng: np.random.Generator
-) -> dict[str, Errors]:
-    """Errors on held-out folds, each predicted by an identification on the other folds; pooled over all poses.
-
-    Raises:
-        RefusedError: too few poses for a fold's identification.
-    """
-    baseline = baseline_model(model)
-    pooled: dict[str, list[Errors]] = {}
-    for held_out in folds(data, count, rng):
-        mask = np.zeros(len(data), dtype=bool)
-        mask[held_out] = True
-        labelled = replace(data, split=tuple("test" if out else "train" for out in mask))
-        result = calibrate(model, baseline, labelled, options)
-        for name, state in result.states.items():
-            found = evaluate(state, data.take(held_out))
-            pooled.setdefault(name, []).append(replace(found, pose=held_out[found.pose]))
-    return {name: _pool(parts) for name, parts in pooled.items()}
-
-
-def _pool(parts: list[Errors]) -> Errors:
-    rotations = [p.rotations for p in parts if p.rotations is not None]
-    return Errors(
-        np.vstack([p.vectors for p in parts]),
-        np.concatenate([p.pose for p in parts]),
-        np.concatenate([p.point for p in parts]),
-        np.vstack(rotations) if rotations else None,
-    )
-
-
-def compare(calibration: Calibration, data: Dataset) -> Mapping[str, Errors]:
-    """Errors of every state of a calibration on the same measurements."""
-    return {name: evaluate(state, data) for name, state in calibration.states.items()}

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
-from symcal.calibration.cautions import plausibility, quality
 from symcal.calibration.scene_record import scene_record
+from symcal.calibration.warnings import plausibility, quality
 from symcal.data.dataset import Dataset
 from symcal.errors import InputError, RefusedError
 from symcal.fit.estimation import Fit, Options, check_redundancy, fit

@@ -27,7 +27,7 @@ def promise_kept(
     a later fit thinks of its own noise does not enter.
 
     Args:
-        errors: by part and state, as `symcal.calibration.evaluate.compare` gives them.
+        errors: by part and state, as `symcal.calibration.compare.compare` gives them.
     """
     if model.task.scene is not None or "test" not in data.split or "after" not in errors.get("test", {}):
         return None

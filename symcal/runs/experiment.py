@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from symcal.calibration import results
-from symcal.calibration.credibility import claim, extrapolation
-from symcal.calibration.evaluate import Errors, compare, cross_validate, expected_position_rms
+from symcal.calibration.compare import compare, cross_validate
+from symcal.calibration.evaluate import Errors, expected_position_rms
 from symcal.calibration.identify import Calibration, baseline_model, calibrate
+from symcal.calibration.warnings import claim, extrapolation
 from symcal.compensation.handover import POSES, Handover, hand_over
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, FileData, RenderedData, SimulatedData

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from strategies import random_frame, random_robot
 
 from symcal import spatial
-from symcal.calibration.evaluate import cross_validate
+from symcal.calibration.compare import cross_validate
 from symcal.calibration.identify import identify
 from symcal.calibration.simulate import Noise, simulate
 from symcal.camera.camera import INTRINSIC_NAMES, Camera

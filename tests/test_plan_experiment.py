@@ -13,10 +13,10 @@ from typer.testing import CliRunner
 
 from symcal.cli import app
 from symcal.errors import InputError, RefusedError
+from symcal.planning.drive_plan import find_plan, plan_generator
 from symcal.planning.ordering import shortest_tour
 from symcal.planning.plan_file import read_plan
-from symcal.planning.planned import find_plan, plan_generator
-from symcal.planning.problem import plan_problem
+from symcal.planning.plan_problem import plan_problem
 from symcal.planning.results import constraint_facts, order_facts
 from symcal.robot.robot import load_robot
 from symcal.runs.experiment import load, run

@@ -1,6 +1,6 @@
 """What the section `plan` of an experiment file may say: its keys, their types, their defaults.
 
-Numbers here are still in the file's units; `symcal.planning.problem` converts them.
+Numbers here are still in the file's units; `symcal.planning.plan_problem` converts them.
 """
 
 from __future__ import annotations

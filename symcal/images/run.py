@@ -30,8 +30,8 @@ from symcal.images.measure import Measured, Shot, measure_images
 from symcal.images.rendered import Example, RenderedImages, calibrate_rendered, target_poses, target_shots
 from symcal.model.model import Model, Scene, State, build_model, pixels_task
 from symcal.planning.area import draw
-from symcal.planning.planned import Planned, find_plan, plan_generator
-from symcal.planning.problem import PlanProblem, plan_problem
+from symcal.planning.drive_plan import Planned, find_plan, plan_generator
+from symcal.planning.plan_problem import PlanProblem, plan_problem
 from symcal.robot.robot import Robot
 from symcal.vision.calibrate import CameraCalibration
 from symcal.vision.images import Image

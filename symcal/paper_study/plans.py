@@ -16,11 +16,11 @@ from symcal.paper_study.setting import positions
 from symcal.planning.certificate import Certificate, certify
 from symcal.planning.constraints import feasible
 from symcal.planning.criteria import criterion
+from symcal.planning.drive_plan import Planned, find_plan
 from symcal.planning.fitness import Reading, Weights, sound_fitness
 from symcal.planning.ordering import shortest_tour, tour_of
 from symcal.planning.path import plan_path
-from symcal.planning.planned import Planned, find_plan
-from symcal.planning.problem import PlanProblem
+from symcal.planning.plan_problem import PlanProblem
 from symcal.planning.visibility import visibility
 
 Array = NDArray[np.float64]

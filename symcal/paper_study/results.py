@@ -18,15 +18,15 @@ from symcal.kernels import BatchFunction
 from symcal.model.model import Model
 from symcal.planning.camera_view import CameraView
 from symcal.planning.certificate import Certificate
+from symcal.planning.drive_plan import Planned
 from symcal.planning.fitness import Reading
 from symcal.planning.information import PoseInformation
-from symcal.planning.maximum import FeasibleSet
 from symcal.planning.ordering import Tour
 from symcal.planning.path import Path
-from symcal.planning.planned import Planned
-from symcal.planning.problem import PlanProblem
+from symcal.planning.plan_problem import PlanProblem
 from symcal.planning.region import Accuracy
 from symcal.planning.skeleton import Skeleton
+from symcal.planning.worst_pose import FeasibleSet
 
 Array = NDArray[np.float64]
 

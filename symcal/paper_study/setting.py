@@ -18,10 +18,10 @@ from symcal.kernels import batch_function
 from symcal.model.model import Model
 from symcal.paper_study.results import Setting
 from symcal.planning.camera_view import CameraView, camera_view, look_at
-from symcal.planning.maximum import feasible_set
-from symcal.planning.problem import PlanProblem, plan_problem
+from symcal.planning.plan_problem import PlanProblem, plan_problem
 from symcal.planning.region import TaskRegion, region_accuracy
 from symcal.planning.search import SAMPLE
+from symcal.planning.worst_pose import feasible_set
 
 Array = NDArray[np.float64]
 

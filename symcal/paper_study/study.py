@@ -22,7 +22,7 @@ from symcal.paper_study.results import Study
 from symcal.paper_study.setting import study_setting
 from symcal.paper_study.simulation_1 import simulation_1
 from symcal.paper_study.simulation_2 import published_errors, simulation_2
-from symcal.planning.planned import plan_generator
+from symcal.planning.drive_plan import plan_generator
 
 Progress = Callable[[str], None]
 

@@ -9,8 +9,8 @@ M is the plan's mean information per pose, n its size. With an approximate desig
 
 (the two are different figures). For another concave criterion psi, homogeneous of degree one, psi(M*) <= psi(M_a) max_x
 tr(grad log psi(M_a) I(x)). The maxima over the feasible set are *searched*, by dense sampling and polish with exact
-derivatives (`symcal.planning.maximum`): the bounds are proven up to what such a search misses. Distances between poses
-and poses that the user insists on do not enter the bounds, which are then pessimistic, never wrong.
+derivatives (`symcal.planning.worst_pose`): the bounds are proven up to what such a search misses. Distances between
+poses and poses that the user insists on do not enter the bounds, which are then pessimistic, never wrong.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.planning.approximate import TOLERANCE, ApproximateDesign, optimal_design
 from symcal.planning.criteria import Criterion, criterion
 from symcal.planning.information import PoseInformation
-from symcal.planning.maximum import THOROUGH_SAMPLE, FeasibleSet, largest
+from symcal.planning.optimal_design import TOLERANCE, ApproximateDesign, optimal_design
+from symcal.planning.worst_pose import THOROUGH_SAMPLE, FeasibleSet, largest
 
 Array = NDArray[np.float64]
 

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from symcal.errors import RefusedError
 from symcal.planning.area import Feasible, WorkingArea, draw
 from symcal.planning.constraints import Constraint, plan_violation, with_fixed
+from symcal.planning.coverage import nearest_distance
 from symcal.planning.fitness import PlanFunction, sound_fitness
 from symcal.planning.genetic import Coding, GeneticResult, Mixing, decode, encode, genetic
 from symcal.planning.methods import Task
-from symcal.planning.spread import nearest_distance
 
 Array = NDArray[np.float64]
 Report = Callable[[Array], None]

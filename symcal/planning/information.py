@@ -25,7 +25,7 @@ from symcal.fit.identifiability import Identifiability, analyse
 from symcal.fit.whitened import beforehand
 from symcal.measurements import Measurement, Setup
 from symcal.planning.area import Feasible, WorkingArea, working_area
-from symcal.planning.rows import SubspaceRows, subspace_rows
+from symcal.planning.subspace_rows import SubspaceRows, subspace_rows
 
 Array = NDArray[np.float64]
 

@@ -16,14 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
-from symcal.planning.approximate import ApproximateDesign
 from symcal.planning.area import Feasible, draw
+from symcal.planning.bias_criterion import ExtendedRows
 from symcal.planning.criteria import Criterion
 from symcal.planning.exchange import Pool, exchange
 from symcal.planning.information import PoseInformation
-from symcal.planning.maximum import FeasibleSet
+from symcal.planning.optimal_design import ApproximateDesign
 from symcal.planning.refine import refine
-from symcal.planning.unmodelled import ExtendedRows
+from symcal.planning.worst_pose import FeasibleSet
 
 Array = NDArray[np.float64]
 Report = Callable[[Array], None]

@@ -23,7 +23,7 @@ from symcal.kinematics import frame_vector
 from symcal.measurements.position import world_points
 from symcal.planning.area import Feasible, Mask, WorkingArea, draw
 from symcal.planning.information import PoseInformation
-from symcal.planning.rows import SubspaceRows, subspace_rows
+from symcal.planning.subspace_rows import SubspaceRows, subspace_rows
 from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from symcal.compensation.targets import joint_columns
 from symcal.config.plan import AreaRegion, BoxRegion, FileRegion
-from symcal.planning.band import RandomBand
+from symcal.planning.accuracy_forecast.forecast import PosesNeeded, Promise
+from symcal.planning.accuracy_forecast.random_band import RandomBand
 from symcal.planning.constraints import complaints
-from symcal.planning.planned import Planned
-from symcal.planning.problem import PlanProblem
-from symcal.planning.promise import PosesNeeded, Promise
+from symcal.planning.drive_plan import Planned
+from symcal.planning.plan_problem import PlanProblem
 from symcal.planning.sampling import feasible_shares
 from symcal.planning.search import Plan
 from symcal.robot.robot import Robot

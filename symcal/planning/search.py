@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import InputError, RefusedError
+from symcal.planning.accuracy_forecast.prediction import Prediction, RandomPlans, predict, random_plans
 from symcal.planning.area import Feasible
+from symcal.planning.bias_criterion import NAME, integrated_error
 from symcal.planning.certificate import Certificate, certify
 from symcal.planning.criteria import criterion as criterion_by_name
 from symcal.planning.information import PoseInformation
-from symcal.planning.maximum import FeasibleSet, feasible_set
 from symcal.planning.methods import METHODS, Method, Task, fewest_poses, improve
-from symcal.planning.prediction import Prediction, RandomPlans, predict, random_plans
 from symcal.planning.region import TaskRegion, area_region, region_accuracy
-from symcal.planning.unmodelled import NAME, integrated_error
+from symcal.planning.worst_pose import FeasibleSet, feasible_set
 
 Array = NDArray[np.float64]
 
@@ -76,7 +76,8 @@ def select_poses(
 
     Args:
         count: N, poses of the plan, required ones included. method: a name in ``methods``.
-        criterion: a name in `symcal.planning.criteria.NAMES`, or J (`symcal.planning.unmodelled`), which also guards
+        criterion: a name in `symcal.planning.criteria.NAMES`, or J (`symcal.planning.bias_criterion`), which also
+        guards
             against errors that the model lacks; when None it is J among candidates, which a real robot has measured,
             and else D. unmodelled: for J, the size of those errors per measured component in units of its noise.
         region: where accuracy is predicted; the feasible part of the working area when None. aligned: see

@@ -10,7 +10,7 @@ from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 from scipy.stats import binned_statistic_2d
 
-from symcal.planning.findings import PlanFindings
+from symcal.planning.plan_study import PlanFindings
 from symcal.plots.style import INK, WIDE, Illustration, print_settings, settle, sheet
 from symcal.words import number
 

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from symcal.planning.findings import PlanFindings
+from symcal.planning.plan_study import PlanFindings
 from symcal.plots.style import (
     BLUE,
     FAINT,

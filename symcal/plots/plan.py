@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from symcal.planning.findings import PlanFindings
+from symcal.planning.plan_study import PlanFindings
 from symcal.plots.error_map import error_map
 from symcal.plots.joint_motion import joint_motion
 from symcal.plots.plan_space import plan_in_space

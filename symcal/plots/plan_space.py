@@ -12,7 +12,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-u
 from numpy.typing import NDArray
 
 from symcal.planning.camera_view import CameraView
-from symcal.planning.findings import PlanFindings
+from symcal.planning.plan_study import PlanFindings
 from symcal.plots.style import (
     BLUE,
     FAINT,

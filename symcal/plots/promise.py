@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
 from numpy.typing import NDArray
 
-from symcal.planning.band import HIGH, LOW, RandomBand
-from symcal.planning.findings import PlanFindings
-from symcal.planning.promise import Promise
+from symcal.planning.accuracy_forecast.forecast import Promise
+from symcal.planning.accuracy_forecast.random_band import HIGH, LOW, RandomBand
+from symcal.planning.plan_study import PlanFindings
 from symcal.plots.style import BLUE, FAINT, INK, ORANGE, WIDE, Illustration, grid, print_settings, settle, sheet
 from symcal.words import number, plural
 

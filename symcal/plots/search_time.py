@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
 
-from symcal.planning.findings import PlanFindings
+from symcal.planning.plan_study import PlanFindings
 from symcal.planning.results import best_value, efficiency_over_time, has_bound
 from symcal.planning.search import Plan
 from symcal.plots.style import (

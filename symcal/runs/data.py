@@ -16,7 +16,7 @@ from symcal.data.measurement_file import load_measurements
 from symcal.documents.document import Document
 from symcal.errors import InputError
 from symcal.model.model import Model
-from symcal.planning.planned import Planned
+from symcal.planning.drive_plan import Planned
 from symcal.robot.robot import Robot
 
 

@@ -26,10 +26,10 @@ from symcal.fit.estimation import Options
 from symcal.images.files import write_images
 from symcal.images.run import AGAINST, ImageRun, run_images
 from symcal.model.model import Model, build_model
+from symcal.planning.drive_plan import Planned, find_plan, plan_generator
+from symcal.planning.forecast_check import promise_kept
 from symcal.planning.plan_file import write_plan
-from symcal.planning.planned import Planned, find_plan, plan_generator
-from symcal.planning.problem import plan_problem
-from symcal.planning.promised import promise_kept
+from symcal.planning.plan_problem import plan_problem
 from symcal.robot.robot import Robot, load_robot, save_robot
 from symcal.runs.check import parallel_axes
 from symcal.runs.code import with_code

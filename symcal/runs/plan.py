@@ -13,8 +13,8 @@ from symcal.calibration import results
 from symcal.config import conversion as config
 from symcal.documents.document import write_document
 from symcal.documents.table import read_table
-from symcal.planning.findings import PlanFindings, find
 from symcal.planning.plan_file import write_plan, write_waypoints
+from symcal.planning.plan_study import PlanFindings, find
 from symcal.planning.results import (
     constraint_facts,
     method_facts,
@@ -65,7 +65,8 @@ def plan_experiment(experiment: Experiment, progress: Progress = lambda _: None)
     """Search, certify, order, foretell.
 
     Raises:
-        InputError, RefusedError: as `symcal.planning.problem.plan_problem` and `symcal.planning.planned.find_plan` do.
+        InputError, RefusedError: as `symcal.planning.plan_problem.plan_problem` and
+        `symcal.planning.drive_plan.find_plan` do.
     """
     file, document = experiment.file, experiment.document
     found = find(file, document, experiment.model, experiment.seed, progress)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from planning_cases import fr3, handling
 
-from symcal.planning.approximate import optimal_design
 from symcal.planning.certificate import certify, smallest_variance
 from symcal.planning.criteria import criterion
-from symcal.planning.maximum import FeasibleSet, feasible_set
+from symcal.planning.optimal_design import optimal_design
 from symcal.planning.region import area_region, region_accuracy
+from symcal.planning.worst_pose import FeasibleSet, feasible_set
 
 BRUTE_FORCE = int(os.environ.get("SYMCAL_BRUTE_FORCE", "50000"))
 
@@ -63,7 +63,7 @@ def test_other_optimal_designs_are_those_of_convex_optimisation(name, rng):
 
 def test_vertex_exchange_solves_a_design_that_is_known(rng):
     """Rows along the axes and inside their simplex: equal weights on the axes are D-optimal ([Pukelsheim2006])."""
-    from symcal.planning.approximate import optimal_weights
+    from symcal.planning.optimal_design import optimal_weights
 
     rows = np.vstack([np.eye(4), rng.dirichlet(np.ones(4), size=10)])
     matrices = rows[:, :, None] * rows[:, None, :]

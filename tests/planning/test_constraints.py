@@ -23,9 +23,9 @@ from symcal.planning.constraints import (
     plan_violation,
     with_fixed,
 )
+from symcal.planning.coverage import apart, away_from, coverage, nearest_distance, pose_distance
 from symcal.planning.sampling import feasible_poses, feasible_shares
 from symcal.planning.skeleton import skeleton
-from symcal.planning.spread import apart, away_from, coverage, nearest_distance, pose_distance
 from symcal.planning.visibility import visibility
 
 MODEL = handling_chain()

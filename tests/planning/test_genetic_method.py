@@ -10,12 +10,12 @@ from planning_cases import handling
 from symcal.errors import RefusedError
 from symcal.planning.certificate import certify
 from symcal.planning.constraints import feasible
+from symcal.planning.coverage import nearest_distance
 from symcal.planning.criteria import criterion
 from symcal.planning.genetic_method import genetic_plan
-from symcal.planning.maximum import FeasibleSet, feasible_set
 from symcal.planning.methods import Task
-from symcal.planning.spread import nearest_distance
 from symcal.planning.visibility import visibility
+from symcal.planning.worst_pose import FeasibleSet, feasible_set
 
 D = criterion("D")
 

@@ -11,8 +11,8 @@ from symcal.errors import InputError, RefusedError
 from symcal.measurements import Setup, position
 from symcal.model.parameter_set import parameter_set
 from symcal.planning.information import pose_information
-from symcal.planning.maximum import FeasibleSet, feasible_set, largest
 from symcal.planning.region import TaskRegion, area_region, box_region, csv_region, region_accuracy, tool_points
+from symcal.planning.worst_pose import FeasibleSet, feasible_set, largest
 
 
 def test_box_region_has_its_tool_in_the_box(rng):

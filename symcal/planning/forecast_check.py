@@ -14,7 +14,7 @@ from symcal.errors import RefusedError
 from symcal.model.model import Model
 from symcal.planning.area import WorkingArea
 from symcal.planning.information import pose_information
-from symcal.planning.problem import nominal_noise
+from symcal.planning.plan_problem import nominal_noise
 from symcal.planning.region import TaskRegion, region_accuracy
 
 

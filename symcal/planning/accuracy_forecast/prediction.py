@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.planning.information import PoseInformation
-from symcal.planning.maximum import FeasibleSet, feasible_set, largest
 from symcal.planning.methods import Task, random_plan
 from symcal.planning.region import Accuracy
+from symcal.planning.worst_pose import FeasibleSet, feasible_set, largest
 
 Array = NDArray[np.float64]
 

@@ -12,12 +12,12 @@ from symcal.config.conversion import ExperimentFile
 from symcal.config.plan import PlanConfig
 from symcal.documents.document import Document
 from symcal.model.model import Model
+from symcal.planning.accuracy_forecast.forecast import PosesNeeded, Promise, ground, poses_needed, promise
+from symcal.planning.accuracy_forecast.random_band import RandomBand, random_band
 from symcal.planning.area import draw
-from symcal.planning.band import RandomBand, random_band
+from symcal.planning.drive_plan import Planned, find_plan, plan_generator, search
 from symcal.planning.methods import fewest_poses
-from symcal.planning.planned import Planned, find_plan, plan_generator, search
-from symcal.planning.problem import PlanProblem, plan_problem
-from symcal.planning.promise import PosesNeeded, Promise, ground, poses_needed, promise
+from symcal.planning.plan_problem import PlanProblem, plan_problem
 from symcal.planning.region import Accuracy, region_accuracy
 from symcal.planning.search import Plan
 
@@ -64,7 +64,8 @@ def find(
     """Search, certify, order, foretell.
 
     Raises:
-        InputError, RefusedError: as `symcal.planning.problem.plan_problem` and `symcal.planning.planned.find_plan` do.
+        InputError, RefusedError: as `symcal.planning.plan_problem.plan_problem` and
+        `symcal.planning.drive_plan.find_plan` do.
     """
     wanted = file.plan
     rng = plan_generator(seed)

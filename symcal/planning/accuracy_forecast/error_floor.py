@@ -17,12 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.planning.approximate import ApproximateDesign, optimal_design
 from symcal.planning.certificate import smallest_variance
 from symcal.planning.criteria import criterion
 from symcal.planning.information import PoseInformation
-from symcal.planning.maximum import FeasibleSet
+from symcal.planning.optimal_design import ApproximateDesign, optimal_design
 from symcal.planning.region import Accuracy
+from symcal.planning.worst_pose import FeasibleSet
 
 Array = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ def error_floor(info: PoseInformation, accuracy: Accuracy, where: FeasibleSet, r
     """Bounds for every number of poses at once.
 
     Args:
-        where: the feasible set with a dense sample, in which maxima are searched (see `symcal.planning.maximum`).
+        where: the feasible set with a dense sample, in which maxima are searched (see `symcal.planning.worst_pose`).
     """
     start = where.sample[:: max(len(where.sample) // 200, 1)]
     # the bounds hold for any design: the ones without priors serve every number of poses

@@ -20,8 +20,8 @@ from symcal.planning.camera_view import CameraView
 from symcal.planning.constraints import Constraint, feasible, insist, joint_limits
 from symcal.planning.information import PoseInformation, pose_information
 from symcal.planning.ordering import joint_speeds
+from symcal.planning.plan_constraints import clearance, own_camera, separate_camera
 from symcal.planning.plan_file import read_plan
-from symcal.planning.problem_constraints import clearance, own_camera, separate_camera
 from symcal.planning.region import TaskRegion, area_region, box_region, csv_region
 from symcal.planning.skeleton import Skeleton, skeleton
 from symcal.robot.robot import Robot

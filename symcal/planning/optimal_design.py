@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from symcal.planning.criteria import Criterion
 from symcal.planning.information import PoseInformation
-from symcal.planning.maximum import FeasibleSet, largest
+from symcal.planning.worst_pose import FeasibleSet, largest
 
 Array = NDArray[np.float64]
 

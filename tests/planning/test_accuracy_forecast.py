@@ -10,8 +10,8 @@ from symcal import kinematics
 from symcal.errors import InputError, RefusedError
 from symcal.measurements import Setup, position
 from symcal.model.parameter_set import parameter_set
+from symcal.planning.accuracy_forecast.forecast import poses_needed, promise
 from symcal.planning.information import pose_information
-from symcal.planning.promise import poses_needed, promise
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,8 @@ from planning_cases import SIGMA, handling
 from scipy.optimize import least_squares
 
 from symcal.kernels import batch_function
+from symcal.planning.bias_criterion import integrated_error
 from symcal.planning.search import select_poses
-from symcal.planning.unmodelled import integrated_error
 
 
 def test_slope_is_the_derivative_of_the_score(rng):

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import InputError, RefusedError
+from symcal.planning.accuracy_forecast.error_floor import ErrorFloor, error_floor
+from symcal.planning.accuracy_forecast.prediction import Prediction, RandomPlans, predict, random_plans
 from symcal.planning.area import Feasible
 from symcal.planning.criteria import criterion
-from symcal.planning.floor import ErrorFloor, error_floor
 from symcal.planning.information import PoseInformation
-from symcal.planning.maximum import FeasibleSet, feasible_set
 from symcal.planning.methods import METHODS, Task, fewest_poses
-from symcal.planning.prediction import Prediction, RandomPlans, predict, random_plans
 from symcal.planning.region import Accuracy, TaskRegion, area_region, region_accuracy
+from symcal.planning.worst_pose import FeasibleSet, feasible_set
 
 Array = NDArray[np.float64]
 Figure = Literal["mean", "worst"]

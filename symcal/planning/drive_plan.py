@@ -13,6 +13,7 @@ from symcal.config.plan import CoverageConfig, GeneticConfig, PlanConfig
 from symcal.errors import RefusedError
 from symcal.planning.area import draw
 from symcal.planning.constraints import feasible
+from symcal.planning.coverage import Coverage, coverage
 from symcal.planning.criteria import criterion
 from symcal.planning.fitness import PlanFunction, Reading, Weights, paper_fitness, sound_fitness
 from symcal.planning.genetic_method import genetic_plan
@@ -20,9 +21,8 @@ from symcal.planning.methods import METHODS, Method, Report, Task
 from symcal.planning.ordering import shortest_tour, tour_of
 from symcal.planning.path import Path as Motion
 from symcal.planning.path import plan_path
-from symcal.planning.problem import PlanProblem
+from symcal.planning.plan_problem import PlanProblem
 from symcal.planning.search import Plan, select_poses
-from symcal.planning.spread import Coverage, coverage
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from symcal.planning.area import Feasible, WorkingArea, draw
-from symcal.planning.rows import SubspaceRows
+from symcal.planning.subspace_rows import SubspaceRows
 
 Array = NDArray[np.float64]
 

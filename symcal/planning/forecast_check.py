@@ -18,7 +18,7 @@ from symcal.planning.plan_problem import nominal_noise
 from symcal.planning.region import TaskRegion, region_accuracy
 
 
-def promise_kept(
+def forecast_check(
     file: ExperimentFile, model: Model, data: Dataset, errors: Mapping[str, Mapping[str, Errors]]
 ) -> dict[str, Any] | None:
     """Predicted and realised rms position error at the held-out poses; None where no noise is stated or none held out.

@@ -12,7 +12,7 @@ from symcal.config.conversion import ExperimentFile
 from symcal.config.plan import PlanConfig
 from symcal.documents.document import Document
 from symcal.model.model import Model
-from symcal.planning.accuracy_forecast.forecast import PosesNeeded, Promise, ground, poses_needed, promise
+from symcal.planning.accuracy_forecast.forecast import Forecast, PosesNeeded, forecast, ground, poses_needed
 from symcal.planning.accuracy_forecast.random_band import RandomBand, random_band
 from symcal.planning.area import draw
 from symcal.planning.drive_plan import Planned, find_plan, plan_generator, search
@@ -44,7 +44,7 @@ class ErrorField:
 
 
 @dataclass(frozen=True, slots=True)
-class PlanFindings:
+class PlanStudy:
     """A plan and all that is known about it. methods: the plan's own first, then those it is compared with."""
 
     file: ExperimentFile
@@ -52,7 +52,7 @@ class PlanFindings:
     planned: Planned
     accuracy: Accuracy
     methods: Mapping[str, Plan]
-    promise: Promise | None
+    promise: Forecast | None
     band: RandomBand | None
     needed: tuple[PosesNeeded, ...]
     field: ErrorField
@@ -60,7 +60,7 @@ class PlanFindings:
 
 def find(
     file: ExperimentFile, document: Document, model: Model, seed: int, progress: Progress = lambda _: None
-) -> PlanFindings:
+) -> PlanStudy:
     """Search, certify, order, foretell.
 
     Raises:
@@ -80,12 +80,12 @@ def find(
             methods[name] = search(problem, wanted, name, stream, progress=progress)
     foretold, band, needed = _promise(problem, accuracy, wanted, for_promise, progress)
     field = _field(problem, accuracy, planned, for_field)
-    return PlanFindings(file, problem, planned, accuracy, methods, foretold, band, needed, field)
+    return PlanStudy(file, problem, planned, accuracy, methods, foretold, band, needed, field)
 
 
 def _promise(
     problem: PlanProblem, accuracy: Accuracy, wanted: PlanConfig, rng: np.random.Generator, progress: Progress
-) -> tuple[Promise | None, RandomBand | None, tuple[PosesNeeded, ...]]:
+) -> tuple[Forecast | None, RandomBand | None, tuple[PosesNeeded, ...]]:
     """What fewer and more poses promise; nothing among candidates, whose number is what it is."""
     if problem.candidates is not None:
         return None, None, ()
@@ -95,7 +95,7 @@ def _promise(
     objective = wanted.criterion if wanted.criterion not in (None, "J") else "D"
     progress("foretelling errors against the number of poses")
     known = ground(info, for_ground, region=problem.region, aligned=problem.aligned, feasible=problem.feasible)
-    foretold = promise(
+    foretold = forecast(
         info,
         counts,
         for_counts,
@@ -124,7 +124,7 @@ def _promise(
     return foretold, band, tuple(needed)
 
 
-def _determined(foretold: Promise) -> Promise:
+def _determined(foretold: Forecast) -> Forecast:
     """Without numbers of poses that give enough equations and still leave a direction all but open."""
     far = 100 * np.array(foretold.bound_mean_mm)
     keep = [i for i, error in enumerate(foretold.best_mean_mm) if error < far[i]]
@@ -132,7 +132,7 @@ def _determined(foretold: Promise) -> Promise:
     def kept(values: tuple[float, ...]) -> tuple[float, ...]:
         return tuple(values[i] for i in keep)
 
-    return Promise(
+    return Forecast(
         counts=tuple(foretold.counts[i] for i in keep),
         best_mean_mm=kept(foretold.best_mean_mm),
         best_worst_mm=kept(foretold.best_worst_mm),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from symcal.compensation.targets import joint_columns
 from symcal.config.plan import AreaRegion, BoxRegion, FileRegion
-from symcal.planning.accuracy_forecast.forecast import PosesNeeded, Promise
+from symcal.planning.accuracy_forecast.forecast import Forecast, PosesNeeded
 from symcal.planning.accuracy_forecast.random_band import RandomBand
 from symcal.planning.constraints import complaints
 from symcal.planning.drive_plan import Planned
@@ -127,7 +127,7 @@ def method_facts(plans: Mapping[str, Plan]) -> dict[str, Any]:
 
 
 def promise_facts(
-    promise: Promise | None, band: RandomBand | None, needed: Sequence[PosesNeeded]
+    promise: Forecast | None, band: RandomBand | None, needed: Sequence[PosesNeeded]
 ) -> dict[str, Any] | None:
     """Predicted errors against the number of poses, and the poses that wanted accuracies need."""
     if promise is None or band is None:

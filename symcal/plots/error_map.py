@@ -10,7 +10,7 @@ from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 from scipy.stats import binned_statistic_2d
 
-from symcal.planning.plan_study import PlanFindings
+from symcal.planning.plan_study import PlanStudy
 from symcal.plots.style import INK, WIDE, Illustration, print_settings, settle, sheet
 from symcal.words import number
 
@@ -20,7 +20,7 @@ _CELLS = 40  # along the longer side of the region
 _DRAWN, _MARGIN = 116.0, 20.0  # width of both views together, height of labels and title, mm
 
 
-def error_map(found: PlanFindings) -> Illustration:
+def error_map(found: PlanStudy) -> Illustration:
     """Largest predicted rms error of all sampled poses with the tool in a cell, from above and from the side."""
     field, plan = found.field, found.planned.plan
     base = found.problem.info.setup.base[:3, 3]
@@ -76,7 +76,7 @@ def _cells(flat: Array, errors: Array, cell: float) -> tuple[Array, Array, Array
     return np.asarray(found.statistic), edges[0], edges[1]
 
 
-def _caption(found: PlanFindings) -> str:
+def _caption(found: PlanStudy) -> str:
     foretold, errors = found.planned.plan.prediction, found.field.uniform
     return (
         "Predicted rms position error of the tool after an identification from these poses, from measurement noise "

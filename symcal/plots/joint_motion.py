@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from symcal.planning.plan_study import PlanFindings
+from symcal.planning.plan_study import PlanStudy
 from symcal.plots.style import (
     BLUE,
     FAINT,
@@ -28,7 +28,7 @@ _PANEL = 15.0  # height of a joint's panel, mm
 _CLOSE = 1e-3  # of the range: a reading so near to its limit counts as on it
 
 
-def joint_motion(found: PlanFindings) -> Illustration:
+def joint_motion(found: PlanStudy) -> Illustration:
     """Joint readings over the number of the pose, on the way too, with the limits of the working area."""
     robot, planned, area = found.problem.robot, found.planned, found.problem.area
     poses, must = planned.plan.poses, planned.required
@@ -76,7 +76,7 @@ def joint_motion(found: PlanFindings) -> Illustration:
     return Illustration(settle(figure), "joint_motion", "Joint motion", _caption(found))
 
 
-def _caption(found: PlanFindings) -> str:
+def _caption(found: PlanStudy) -> str:
     planned, area = found.planned, found.problem.area
     poses = planned.plan.poses
     near = np.minimum(poses - area.lower, area.upper - poses) <= _CLOSE * area.span

@@ -12,7 +12,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-u
 from numpy.typing import NDArray
 
 from symcal.planning.camera_view import CameraView
-from symcal.planning.plan_study import PlanFindings
+from symcal.planning.plan_study import PlanStudy
 from symcal.plots.style import (
     BLUE,
     FAINT,
@@ -41,7 +41,7 @@ _MM = 25.4
 _WAY = 40  # points per segment of the way that are drawn
 
 
-def plan_in_space(found: PlanFindings) -> Illustration:
+def plan_in_space(found: PlanStudy) -> Illustration:
     """Tool positions in driving order with the way between them, and the arm at the start and in a few of its poses."""
     planned, arm = found.planned, found.problem.arm
     poses = planned.plan.poses
@@ -90,7 +90,7 @@ def _apart(points: Array, count: int) -> NDArray[np.intp]:
     return np.array(chosen, dtype=np.intp)
 
 
-def _way(axes: Any, found: PlanFindings) -> None:
+def _way(axes: Any, found: PlanStudy) -> None:
     for segment in found.planned.motion.segments:
         shown = segment.waypoints[np.linspace(0, len(segment.waypoints) - 1, _WAY).astype(int)]
         path = found.problem.arm.motion(shown)[0]
@@ -100,7 +100,7 @@ def _way(axes: Any, found: PlanFindings) -> None:
         axes.plot(*path.T, zorder=3, **style)
 
 
-def _surroundings(axes: Any, found: PlanFindings) -> list[Array]:
+def _surroundings(axes: Any, found: PlanStudy) -> list[Array]:
     """Camera and keep-out boxes; returns their corners."""
     corners = []
     if found.problem.view is not None:
@@ -132,7 +132,7 @@ def _frustum(axes: Any, view: CameraView, seen: Array) -> Array:
     return np.vstack([corners, T[:3, 3]])
 
 
-def _planes(axes: Any, found: PlanFindings, low: Array, high: Array) -> None:
+def _planes(axes: Any, found: PlanStudy, low: Array, high: Array) -> None:
     """Tables and walls as patches where they cut the scene."""
     middle, reach = 0.5 * (low + high), 0.5 * float((high - low).max())
     for wall in found.file.plan.constraints.planes:
@@ -145,7 +145,7 @@ def _planes(axes: Any, found: PlanFindings, low: Array, high: Array) -> None:
         axes.add_collection3d(patch)
 
 
-def _base(axes: Any, found: PlanFindings, length: float) -> None:
+def _base(axes: Any, found: PlanStudy, length: float) -> None:
     frame = found.problem.info.setup.base
     for i, name in enumerate("xyz"):
         end = frame[:3, 3] + length * frame[:3, i]
@@ -197,7 +197,7 @@ def _dress(axes: Any) -> None:
         axes.locator_params(axis=name, nbins=5)
 
 
-def _legend(found: PlanFindings) -> list[Line2D]:
+def _legend(found: PlanStudy) -> list[Line2D]:
     kinds = found.planned.motion.kinds
     handles = [Line2D([], [], linestyle="none", marker="o", markersize=3.2, color=BLUE, label="pose to measure")]
     if found.planned.required.any():
@@ -226,7 +226,7 @@ def _legend(found: PlanFindings) -> list[Line2D]:
     return handles
 
 
-def _caption(found: PlanFindings, tool: Array) -> str:
+def _caption(found: PlanStudy, tool: Array) -> str:
     kinds = found.planned.motion.kinds
     size = tool.max(axis=0) - tool.min(axis=0)
     text = (

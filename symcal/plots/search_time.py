@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
 
-from symcal.planning.plan_study import PlanFindings
+from symcal.planning.plan_study import PlanStudy
 from symcal.planning.results import best_value, efficiency_over_time, has_bound
 from symcal.planning.search import Plan
 from symcal.plots.style import (
@@ -38,7 +38,7 @@ _SHORTFALLS = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
 _SMALLEST = 5e-4  # shortfall from 1 that is still told apart
 
 
-def efficiency_over_search_time(found: PlanFindings) -> Illustration:
+def efficiency_over_search_time(found: PlanStudy) -> Illustration:
     """Efficiency of the best plan so far over wall time for each method; the axis is stretched towards 1."""
     methods = found.methods
     best = best_value(methods)
@@ -87,7 +87,7 @@ def _quantity(plan: Plan) -> str:
     return f"efficiency ({plan.criterion}), at least" if has_bound(plan) else f"{plan.criterion} relative to the best"
 
 
-def _caption(found: PlanFindings) -> str:
+def _caption(found: PlanStudy) -> str:
     parts = []
     best = best_value(found.methods)
     for name, plan in found.methods.items():

@@ -27,7 +27,7 @@ from symcal.images.files import write_images
 from symcal.images.run import AGAINST, ImageRun, run_images
 from symcal.model.model import Model, build_model
 from symcal.planning.drive_plan import Planned, find_plan, plan_generator
-from symcal.planning.forecast_check import promise_kept
+from symcal.planning.forecast_check import forecast_check
 from symcal.planning.plan_file import write_plan
 from symcal.planning.plan_problem import plan_problem
 from symcal.robot.robot import Robot, load_robot, save_robot
@@ -242,7 +242,7 @@ def _content(
         **results.calibration_facts(calibration),
         "accuracy": accuracy,
         "expected_position_rms_mm": expected,
-        "promise": promise_kept(file, experiment.model, data, errors),
+        "promise": forecast_check(file, experiment.model, data, errors),
         "against": "noisy measurement",
     }
 

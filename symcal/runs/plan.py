@@ -14,7 +14,7 @@ from symcal.config import conversion as config
 from symcal.documents.document import write_document
 from symcal.documents.table import read_table
 from symcal.planning.plan_file import write_plan, write_waypoints
-from symcal.planning.plan_study import PlanFindings, find
+from symcal.planning.plan_study import PlanStudy, find
 from symcal.planning.results import (
     constraint_facts,
     method_facts,
@@ -36,7 +36,7 @@ class PlanOutcome:
     """A plan with all that is known about it, and the content of its results.json."""
 
     experiment: Experiment
-    findings: PlanFindings
+    findings: PlanStudy
     content: Mapping[str, Any]
 
 

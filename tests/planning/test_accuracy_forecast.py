@@ -10,13 +10,13 @@ from symcal import kinematics
 from symcal.errors import InputError, RefusedError
 from symcal.measurements import Setup, position
 from symcal.model.parameter_set import parameter_set
-from symcal.planning.accuracy_forecast.forecast import poses_needed, promise
+from symcal.planning.accuracy_forecast.forecast import forecast, poses_needed
 from symcal.planning.information import pose_information
 
 
 @pytest.fixture(scope="module")
 def promised():
-    return promise(handling(), (10, 20, 40, 160), np.random.default_rng(4), random=20)
+    return forecast(handling(), (10, 20, 40, 160), np.random.default_rng(4), random=20)
 
 
 def test_bound_is_below_the_best_and_the_best_below_random(promised):
@@ -56,7 +56,7 @@ def test_priors_lower_the_bound():
     measurement = position(kinematics.chain(robot, tight), ("P",))
     setup = Setup(robot.base, robot.tool, np.zeros((1, 3)))
     info = pose_information(measurement, setup, {"position": SIGMA}, area=handling().area)
-    answer = promise(info, (10, 40), np.random.default_rng(0), random=5)
+    answer = forecast(info, (10, 40), np.random.default_rng(0), random=5)
     assert answer.bound_mean_mm[0] <= answer.best_mean_mm[0] < 0.02
     assert answer.bound_worst_mm[1] <= answer.best_worst_mm[1]
 
@@ -67,4 +67,4 @@ def test_targets_that_cannot_be_reached_are_refused(rng):
     with pytest.raises(InputError, match="positive"):
         poses_needed(handling(), 0.0, rng)
     with pytest.raises(RefusedError, match="take 4 or more"):
-        promise(handling(), (3,), rng)
+        forecast(handling(), (3,), rng)

@@ -39,7 +39,7 @@ class Ground:
 
 
 @dataclass(frozen=True, slots=True)
-class Promise:
+class Forecast:
     """Predicted rms position errors in mm against the number of poses, by the posterior of an identification.
 
     counts: numbers of poses. Per number, over the region and at its worst pose: of the best plan found, the median of
@@ -75,7 +75,7 @@ class PosesNeeded:
     prediction: Prediction
 
 
-def promise(
+def forecast(
     info: PoseInformation,
     counts: Sequence[int],
     rng: np.random.Generator,
@@ -88,7 +88,7 @@ def promise(
     random: int = 50,
     known: Ground | None = None,
     progress: Callable[[int], None] | None = None,
-) -> Promise:
+) -> Forecast:
     """Predicted errors of the best and of random plans for several numbers of poses.
 
     Args:
@@ -112,7 +112,7 @@ def promise(
         others.append(random_plans(info, accuracy, task, floor.logdet_upper_bound, random, own))
         if progress is not None:
             progress(count)
-    return Promise(
+    return Forecast(
         counts=tuple(counts),
         best_mean_mm=tuple(p.mean_pose_rms_mm for p in best),
         best_worst_mm=tuple(p.worst_pose_rms_mm for p in best),

@@ -9,16 +9,16 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
 from numpy.typing import NDArray
 
-from symcal.planning.accuracy_forecast.forecast import Promise
+from symcal.planning.accuracy_forecast.forecast import Forecast
 from symcal.planning.accuracy_forecast.random_band import HIGH, LOW, RandomBand
-from symcal.planning.plan_study import PlanFindings
+from symcal.planning.plan_study import PlanStudy
 from symcal.plots.style import BLUE, FAINT, INK, ORANGE, WIDE, Illustration, grid, print_settings, settle, sheet
 from symcal.words import number, plural
 
 Array = NDArray[np.float64]
 
 
-def error_by_poses(found: PlanFindings, promise: Promise, band: RandomBand) -> Illustration:
+def error_by_poses(found: PlanStudy, promise: Forecast, band: RandomBand) -> Illustration:
     """Predicted errors of the best and of random plans over the number of poses, with the bound of any plan."""
     counts = np.array(promise.counts)
     n = len(found.planned.plan)
@@ -115,7 +115,7 @@ def _target(axes: Axes, target: float, count: int, counts: Any, row: int) -> Non
     )
 
 
-def _caption(found: PlanFindings, promise: Promise, band: RandomBand) -> str:
+def _caption(found: PlanStudy, promise: Forecast, band: RandomBand) -> str:
     n = len(found.planned.plan)
     i = promise.counts.index(n) if n in promise.counts else len(promise.counts) - 1
     count = promise.counts[i]

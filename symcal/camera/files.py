@@ -15,7 +15,7 @@ from symcal.camera.camera import INTRINSIC_NAMES, Camera
 from symcal.camera.target import Target
 from symcal.documents.document import Document, Strict, read_document, validate, write_document
 from symcal.errors import InputError
-from symcal.robot.schema import Frame, Units
+from symcal.robot.schema import Frame, RobotUnits
 from symcal.units import ANGLE, LENGTH
 
 _Positive = Annotated[float, Field(gt=0)]
@@ -102,7 +102,7 @@ class TargetFile(Strict):
     """A target.yaml: an equilateral `triangle` or named `points`, discs of one radius, where they are mounted."""
 
     schema_: Literal["symcal/target/1"] = Field(default="symcal/target/1", alias="schema")
-    units: Units
+    units: RobotUnits
     disc_radius: _Positive
     triangle: Triangle | None = None
     points: dict[str, _Triple] | None = None

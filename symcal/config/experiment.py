@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from symcal.config.plan import Placement, PlanConfig
+from symcal.config.plan import PlacementConfig, PlanConfig
 from symcal.config.study import StudyConfig
 from symcal.documents.document import Strict
 from symcal.units import ANGLE, LENGTH, AngleUnit, LengthUnit
@@ -57,7 +57,7 @@ class MeasurementConfig(Strict):
     noise: KnownNoise = KnownNoise()
     camera: str | None = None
     target: str | None = None
-    camera_pose: Placement | None = None
+    camera_pose: PlacementConfig | None = None
 
     @model_validator(mode="before")
     @classmethod

@@ -79,7 +79,7 @@ class Margins(Strict):
     length: _NotNegative = 0.0
 
 
-class Placement(Strict):
+class PlacementConfig(Strict):
     """Where the camera is in world: from a position looking at a point, or as a frame (z along the view, y down)."""
 
     position: _Triple | None = None
@@ -87,7 +87,7 @@ class Placement(Strict):
     frame: Frame | None = None
 
     @model_validator(mode="after")
-    def _one_way(self) -> Placement:
+    def _one_way(self) -> PlacementConfig:
         looking = self.position is not None and self.look_at is not None
         partly = self.position is not None or self.look_at is not None
         if looking == (self.frame is not None) or (partly and not looking):
@@ -139,7 +139,7 @@ class CameraConstraint(Strict):
     intrinsics: Intrinsics | None = None
     lens: Lens | None = None
     distortion: Distortion = Distortion()
-    placement: Placement
+    placement: PlacementConfig
     target: Annotated[Annotated[str, Tag("file")] | Annotated[TargetShape, Tag("given")], Discriminator(_file_or_given)]
     margin_px: _NotNegative = 0.0
     depth: _Pair | None = None

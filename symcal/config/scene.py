@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from symcal.config.plan import Placement
+from symcal.config.plan import PlacementConfig
 from symcal.documents.document import Strict, read_document, validate
-from symcal.robot.schema import Units
+from symcal.robot.schema import RobotUnits
 from symcal.units import ANGLE, LENGTH
 
 Array = NDArray[np.float64]
@@ -21,8 +21,8 @@ class SceneFile(Strict):
     """`camera`: a `position` that looks at a point, or a `frame` (z along the view, y down), in world."""
 
     schema_: Literal["symcal/scene/1"] = Field(default="symcal/scene/1", alias="schema")
-    units: Units
-    camera: Placement
+    units: RobotUnits
+    camera: PlacementConfig
 
 
 def read_scene(path: Path | str) -> Array:

@@ -20,7 +20,7 @@ _Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
 _Count = Annotated[int, Field(ge=1)]
 
 
-class Scene(Strict):
+class SceneConfig(Strict):
     """The vision set-up of the paper's Fig. 3: a camera on a tripod, a triangle of discs on the tool.
 
     position, look_at: of the camera in world. mount: the target in the tool frame, its discs face along z.
@@ -90,7 +90,7 @@ class StudyConfig(Strict):
     quick: a tenth of generations, repetitions and random plans, to see whether all works.
     """
 
-    scene: Scene
+    scene: SceneConfig
     weights: WeightsConfig
     sound_weights: WeightsConfig
     reading: ReadingConfig = ReadingConfig()

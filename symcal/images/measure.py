@@ -31,7 +31,7 @@ from symcal.robot.robot import Robot
 from symcal.vision.failures import NotDetected
 from symcal.vision.images import read_image
 from symcal.vision.locate import Guess, locate_target
-from symcal.vision.target import Detection, detect_target
+from symcal.vision.target import TargetDetection, detect_target
 
 Array = NDArray[np.float64]
 
@@ -53,7 +53,7 @@ class Shot:
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class MeasuredImages:
     """Image points of all images that show the target.
 
     data: `pixels`. images: the image of each pose. detections: of each pose. failures: (image, reason) of every other.
@@ -63,7 +63,7 @@ class Measured:
 
     data: Dataset
     images: tuple[str, ...]
-    detections: tuple[Detection, ...]
+    detections: tuple[TargetDetection, ...]
     failures: tuple[tuple[str, str], ...]
     T_world_camera: Array
     T_flange_target: Array
@@ -80,7 +80,7 @@ def measure_images(
     T_world_camera: Array | None = None,
     search_px: float = 100.0,
     progress: Callable[[str], None] = lambda _: None,
-) -> Measured:
+) -> MeasuredImages:
     """Image points of the target in every image.
 
     Args:
@@ -102,7 +102,7 @@ def _measure(
     T_world_camera: Array | None,
     search_px: float,
     progress: Callable[[str], None],
-) -> Measured:
+) -> MeasuredImages:
     if not shots:
         raise RefusedError("none of the images is there and has joint readings: check the names in the joints file")
     flange = _flange_poses(robot, np.array([shot.q for shot in shots]))
@@ -112,7 +112,7 @@ def _measure(
         place, mount = T_world_camera, target.mount
     else:
         place, mount, notes = find_camera(shots, flange, camera, target, progress)
-    kept: list[tuple[Shot, Detection]] = []
+    kept: list[tuple[Shot, TargetDetection]] = []
     failures: list[tuple[str, str]] = []
     for number, (shot, pose) in enumerate(zip(shots, flange, strict=True), start=1):
         progress(f"measuring image {number} of {len(shots)}")
@@ -123,7 +123,7 @@ def _measure(
             failures.append((shot.name, error.message if isinstance(error, InputError) else str(error)))
     if not kept:
         raise RefusedError(f"no image could be measured: {_listed(failures)}")
-    return Measured(
+    return MeasuredImages(
         data=_dataset(kept, target),
         images=tuple(shot.name for shot, _ in kept),
         detections=tuple(detection for _, detection in kept),
@@ -221,7 +221,7 @@ def _reader(path: Path) -> Callable[[], NDArray[np.generic]]:
     return lambda: read_image(path)
 
 
-def _dataset(kept: Sequence[tuple[Shot, Detection]], target: Target) -> Dataset:
+def _dataset(kept: Sequence[tuple[Shot, TargetDetection]], target: Target) -> Dataset:
     """Image points without a stated noise: that of the image is the least part of it, and the residuals tell it all."""
     z = np.full((len(kept), 2 * len(target.names)), np.nan)
     for row, (_, detection) in enumerate(kept):

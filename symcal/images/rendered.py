@@ -12,10 +12,10 @@ from symcal import spatial
 from symcal.camera.board import Board
 from symcal.camera.camera import Camera
 from symcal.camera.target import Target
-from symcal.images.measure import Measured, Shot
+from symcal.images.measure import MeasuredImages, Shot
 from symcal.measurements import Setup
 from symcal.model.model import Model
-from symcal.vision.board import Detection, Refusal, detect_board
+from symcal.vision.board import BoardDetection, Refusal, detect_board
 from symcal.vision.board_views import board_views
 from symcal.vision.calibrate import CameraCalibration, calibrate_camera
 from symcal.vision.images import Image
@@ -39,7 +39,7 @@ class RenderedImages:
     """The camera's calibration, the measurement with it, and some of the images."""
 
     camera: CameraCalibration
-    measured: Measured
+    measured: MeasuredImages
     examples: tuple[Example, ...]
 
 
@@ -56,7 +56,7 @@ def calibrate_rendered(
     Args:
         camera: the true one.
     """
-    detections: list[Detection] = []
+    detections: list[BoardDetection] = []
     refusals: list[Refusal] = []
     first: Image | None = None
     for i, pose in enumerate(board_views(camera, board, views, rng)):
@@ -64,7 +64,7 @@ def calibrate_rendered(
         image = render_board(camera, board, pose, rng, look)
         first = image if first is None else first
         found = detect_board(image, board, f"board {i + 1}")
-        if isinstance(found, Detection):
+        if isinstance(found, BoardDetection):
             detections.append(found)
         else:
             refusals.append(found)

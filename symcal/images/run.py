@@ -26,7 +26,7 @@ from symcal.errors import InputError, RefusedError
 from symcal.fit.estimation import Options
 from symcal.images.comparison import Ways, compare_ways
 from symcal.images.facts import accuracy_facts, camera_facts, comparison_facts, image_facts, project_poses
-from symcal.images.measure import Measured, Shot, measure_images
+from symcal.images.measure import MeasuredImages, Shot, measure_images
 from symcal.images.rendered import Example, RenderedImages, calibrate_rendered, target_poses, target_shots
 from symcal.model.model import Model, Scene, State, build_model, pixels_task
 from symcal.planning.area import draw
@@ -214,7 +214,7 @@ def _render(
 
 
 def _examples(
-    calibrated: CameraCalibration, image: Image, measured: Measured, shots: Sequence[Shot], count: int
+    calibrated: CameraCalibration, image: Image, measured: MeasuredImages, shots: Sequence[Shot], count: int
 ) -> tuple[Example, ...]:
     """The first view of the board, and images of the target evenly among those that were measured."""
     if count == 0:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from symcal.config.plan import PlanConfig
 from symcal.config.study import StudyConfig, WeightsConfig
 from symcal.paper_study.readings import evolve, main_fitness
-from symcal.paper_study.results import PLAN_NAMES, RandomPlans, Setting, StudyPlan
+from symcal.paper_study.results import PLAN_NAMES, RandomPlanErrors, Setting, StudyPlan
 from symcal.paper_study.setting import positions
 from symcal.planning.certificate import Certificate, certify
 from symcal.planning.constraints import feasible
@@ -34,14 +34,14 @@ TITLES = {
 }
 
 
-def random_plans(setting: Setting, count: int, rng: np.random.Generator) -> RandomPlans:
+def random_plans(setting: Setting, count: int, rng: np.random.Generator) -> RandomPlanErrors:
     """Random plans and what each predicts for the test poses."""
     info = setting.info
     poses = info.area.sample(rng, count * setting.count)
     poses = poses.reshape(count, setting.count, -1)
     posterior = info.posterior(poses)
     variance = np.sum(posterior * (setting.accuracy.everywhere @ posterior), axis=(1, 2))
-    return RandomPlans(poses, np.sqrt(variance))
+    return RandomPlanErrors(poses, np.sqrt(variance))
 
 
 def certified_plan(
@@ -56,7 +56,7 @@ def certified_plan(
 def study_plans(
     setting: Setting,
     certified: tuple[Planned, float],
-    random: RandomPlans,
+    random: RandomPlanErrors,
     study: StudyConfig,
     rng: np.random.Generator,
     progress: Progress = lambda _: None,
@@ -98,7 +98,7 @@ def _study_plan(
     poses: Array,
     history: Array | None,
     seconds: float,
-    random: RandomPlans,
+    random: RandomPlanErrors,
     proof: Certificate,
     rng: np.random.Generator,
 ) -> StudyPlan:

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.config.study import SearchConfig
-from symcal.paper_study.results import RandomPlans, ReadingResult, Setting, StudyPlan
+from symcal.paper_study.results import RandomPlanErrors, ReadingResult, Setting, StudyPlan
 from symcal.planning.certificate import Certificate
 from symcal.planning.criteria import criterion
 from symcal.planning.fitness import PlanFunction, Reading, Weights, paper_fitness, sound_fitness
 from symcal.planning.genetic_method import genetic_plan
-from symcal.planning.methods import Task
+from symcal.planning.methods import SearchTask
 
 Array = NDArray[np.float64]
 
@@ -76,7 +76,7 @@ def _ways(main: Reading) -> tuple[_Way, ...]:
 def readings(
     setting: Setting,
     plans: Mapping[str, StudyPlan],
-    random: RandomPlans,
+    random: RandomPlanErrors,
     weights: Weights,
     main: Reading,
     search: SearchConfig,
@@ -125,7 +125,7 @@ def evolve(
 ) -> tuple[Array, Array]:
     """The genetic algorithm with a fitness: the best plan, shape (N, dof), and its history."""
     info = setting.info
-    task = Task(info, criterion("D"), setting.count, info.prior, setting.where, np.zeros((0, info.area.dof)))
+    task = SearchTask(info, criterion("D"), setting.count, info.prior, setting.where, np.zeros((0, info.area.dof)))
     result = genetic_plan(
         task,
         rng,

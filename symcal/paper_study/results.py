@@ -102,7 +102,7 @@ class StudyPlan:
 
 
 @dataclass(frozen=True, slots=True)
-class RandomPlans:
+class RandomPlanErrors:
     """Random plans of as many poses, uniform over the working area.
 
     poses: shape (P, N, dof). expected_rms_mm: predicted rms error over the test poses, shape (P,).
@@ -259,7 +259,7 @@ class Study:
     problem: PlanProblem
     certified: Planned
     plans: Mapping[str, StudyPlan]
-    random: RandomPlans
+    random: RandomPlanErrors
     readings: tuple[ReadingResult, ...]
     simulation_1: SimulationOne
     simulation_2: Mapping[str, Identified]

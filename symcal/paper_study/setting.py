@@ -11,7 +11,7 @@ from symcal.camera.camera import Camera
 from symcal.camera.target import Target
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, SimulatedData
-from symcal.config.study import Scene, StudyConfig
+from symcal.config.study import SceneConfig, StudyConfig
 from symcal.documents.document import Document
 from symcal.errors import RefusedError
 from symcal.kernels import batch_function
@@ -84,7 +84,7 @@ def study_setting(
     )
 
 
-def _view(scene: Scene, file: ExperimentFile, model: Model) -> CameraView:
+def _view(scene: SceneConfig, file: ExperimentFile, model: Model) -> CameraView:
     length, angle = file.units.factor("mm"), file.units.factor("rad")
     i = scene.intrinsics
     camera = Camera(scene.width, scene.height, i.fx, i.fy, i.cx, i.cy)

@@ -33,7 +33,7 @@ _KEPT = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Placement:
+class CameraPlacement:
     """T_base_camera and T_flange_target, shape (4, 4), mm, and the rms error that they leave in the image, px."""
 
     camera: Array
@@ -79,7 +79,7 @@ def place_camera(
     base: Array | None = None,
     mount: Array | None = None,
     rng: np.random.Generator | None = None,
-) -> list[Placement]:
+) -> list[CameraPlacement]:
     """Camera pose and mount that image points of many poses agree on; the best few, best first.
 
     Args:
@@ -113,7 +113,7 @@ def place_camera(
             b, x = solve(flange[group], measured)
             tried.append((score(b, x), b, x))
     tried.sort(key=lambda entry: entry[0])
-    best: list[Placement] = []
+    best: list[CameraPlacement] = []
     for _, b, x in tried[: 4 * _KEPT]:
         found = _refined(camera, target, flange[usable], [choices[i] for i in usable], pixels[usable], b, x, solve)
         if all(abs(found.rms_px - other.rms_px) > 1e-3 * other.rms_px for other in best):
@@ -135,7 +135,7 @@ def _refined(
     b: Array,
     x: Array,
     solve: Callable[[Array, Array], tuple[Array, Array]],
-) -> Placement:
+) -> CameraPlacement:
     """All poses take the choice that is nearest to the prediction, and give better B and X, until none changes."""
     last: list[int] = []
     for _ in range(_ROUNDS):
@@ -150,7 +150,7 @@ def _refined(
         b, x = solve(flange, np.array([found[k] for found, k in zip(choices, nearest, strict=True)]))
     errors = _errors(camera, target, b @ flange @ x, pixels)
     rms = float(np.sqrt(np.mean(errors**2)))
-    return Placement(spatial.inverse(b), x, rms if np.isfinite(rms) else np.inf)
+    return CameraPlacement(spatial.inverse(b), x, rms if np.isfinite(rms) else np.inf)
 
 
 def _solver(base: Array | None, mount: Array | None) -> Callable[[Array, Array], tuple[Array, Array]]:

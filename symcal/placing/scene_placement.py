@@ -14,7 +14,7 @@ from symcal.fit.estimation import Options, fit
 from symcal.fit.residual_rows import rows_of
 from symcal.measurements import Setup
 from symcal.model.model import Model, Scene
-from symcal.placing.camera_placement import Placement, place_camera, target_poses
+from symcal.placing.camera_placement import CameraPlacement, place_camera, target_poses
 
 Array = NDArray[np.float64]
 
@@ -57,7 +57,7 @@ def _guesses(model: Model, scene: Scene, data: Dataset) -> list[Setup]:
     pixels = data.z.reshape(len(data), -1, 2)
     guesses = []
     if scene.T_world_camera is not None:
-        guesses.append(Placement(scene.T_world_camera, model.setup.tool, np.inf))
+        guesses.append(CameraPlacement(scene.T_world_camera, model.setup.tool, np.inf))
     free_camera = "camera" in model.task.estimate and not any(n.startswith("camera_") for n in model.task.fix)
     free_mount = model.task.tool is not None and not any(n.startswith("tool_") for n in model.task.fix)
     if free_camera or free_mount:
@@ -74,7 +74,7 @@ def _guesses(model: Model, scene: Scene, data: Dataset) -> list[Setup]:
     return [_setup(model, scene, guess) for guess in guesses]
 
 
-def _setup(model: Model, scene: Scene, guess: Placement) -> Setup:
+def _setup(model: Model, scene: Scene, guess: CameraPlacement) -> Setup:
     if model.task.tool != "points":
         return replace(model.setup, camera=guess.camera, tool=guess.mount)
     in_tool = spatial.inverse(model.setup.tool) @ guess.mount

@@ -17,7 +17,7 @@ from symcal.planning.coverage import Coverage, coverage
 from symcal.planning.criteria import criterion
 from symcal.planning.fitness import PlanFunction, Reading, Weights, paper_fitness, sound_fitness
 from symcal.planning.genetic_method import genetic_plan
-from symcal.planning.methods import METHODS, Method, Report, Task
+from symcal.planning.methods import METHODS, Method, Report, SearchTask
 from symcal.planning.ordering import shortest_tour, tour_of
 from symcal.planning.path import Path as Motion
 from symcal.planning.path import plan_path
@@ -115,7 +115,7 @@ def search_methods(problem: PlanProblem, wanted: GeneticConfig) -> Mapping[str, 
 
 
 def _genetic(
-    problem: PlanProblem, wanted: GeneticConfig, task: Task, rng: np.random.Generator, report: Report
+    problem: PlanProblem, wanted: GeneticConfig, task: SearchTask, rng: np.random.Generator, report: Report
 ) -> Array:
     return genetic_plan(
         task,

@@ -13,7 +13,7 @@ from symcal.planning.constraints import Constraint, plan_violation, with_fixed
 from symcal.planning.coverage import nearest_distance
 from symcal.planning.fitness import PlanFunction, sound_fitness
 from symcal.planning.genetic import Coding, GeneticResult, Mixing, decode, encode, genetic
-from symcal.planning.methods import Task
+from symcal.planning.methods import SearchTask
 
 Array = NDArray[np.float64]
 Report = Callable[[Array], None]
@@ -22,7 +22,7 @@ _POOL = 4000  # feasible poses from which the first plans are put together
 
 
 def genetic_plan(
-    task: Task,
+    task: SearchTask,
     rng: np.random.Generator,
     report: Report,
     *,
@@ -76,7 +76,7 @@ def genetic_plan(
     return result
 
 
-def _violation(task: Task, mask: Feasible | None, constraints: Sequence[Constraint]) -> PlanFunction:
+def _violation(task: SearchTask, mask: Feasible | None, constraints: Sequence[Constraint]) -> PlanFunction:
     amount = plan_violation(constraints)
 
     def violation(plans: Array) -> Array:

@@ -38,7 +38,7 @@ _GAIN = 1e-6  # of the score: less is not worth another round
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class SearchTask:
     """What is to be planned.
 
     count: poses to find, beyond those that are required. fixed: information of priors and required poses, shape (n, n).
@@ -94,10 +94,10 @@ def fewest_poses(info: PoseInformation) -> int:
     return max(-(-open_ // info.components), 1)
 
 
-Method = Callable[[Task, np.random.Generator, Report], Array]
+Method = Callable[[SearchTask, np.random.Generator, Report], Array]
 
 
-def random_plan(task: Task, rng: np.random.Generator, report: Report) -> Array:
+def random_plan(task: SearchTask, rng: np.random.Generator, report: Report) -> Array:
     """Uniform over the feasible set; with a distance, those that come too near to an earlier one are passed over."""
     if task.distance == 0:
         poses = _random(task, rng, task.count)
@@ -116,7 +116,7 @@ def random_plan(task: Task, rng: np.random.Generator, report: Report) -> Array:
     return np.array(kept)
 
 
-def _random(task: Task, rng: np.random.Generator, count: int) -> Array:
+def _random(task: SearchTask, rng: np.random.Generator, count: int) -> Array:
     if task.where.area is None:
         if count > len(task.where.sample):
             raise RefusedError(f"{count} poses are wanted, and there are {len(task.where.sample)} candidates")
@@ -124,13 +124,13 @@ def _random(task: Task, rng: np.random.Generator, count: int) -> Array:
     return draw(task.where.area, rng, count, task.feasible)
 
 
-def exchange_plan(task: Task, rng: np.random.Generator, report: Report) -> Array:
+def exchange_plan(task: SearchTask, rng: np.random.Generator, report: Report) -> Array:
     """Exchange over the feasible set's sample."""
     del rng  # the sample is the only randomness
     return _exchange(task, task.pool(task.where.sample), None, report)
 
 
-def refine_plan(task: Task, rng: np.random.Generator, report: Report) -> Array:
+def refine_plan(task: SearchTask, rng: np.random.Generator, report: Report) -> Array:
     """The best of several random plans, each refined by its gradient."""
     if task.finite:
         raise RefusedError("candidates are a finite set: 'refine' has nothing to move; use 'exchange' or 'certified'")
@@ -138,13 +138,15 @@ def refine_plan(task: Task, rng: np.random.Generator, report: Report) -> Array:
     return max(plans, key=task.score)
 
 
-def combined_plan(task: Task, rng: np.random.Generator, report: Report) -> Array:
+def combined_plan(task: SearchTask, rng: np.random.Generator, report: Report) -> Array:
     """Exchange over the sample, then refinement (none for candidates)."""
     best = _exchange(task, task.pool(task.where.sample), None, report)
     return best if task.finite else _polish(task, best, rng, report)
 
 
-def improve(task: Task, poses: Array, design: ApproximateDesign, rng: np.random.Generator, report: Report) -> Array:
+def improve(
+    task: SearchTask, poses: Array, design: ApproximateDesign, rng: np.random.Generator, report: Report
+) -> Array:
     """Another exchange and refinement, with the poses of an optimal approximate design to choose from; never worse."""
     if task.finite:
         return poses
@@ -154,7 +156,7 @@ def improve(task: Task, poses: Array, design: ApproximateDesign, rng: np.random.
     return tried if task.score(tried) > task.score(poses) else poses
 
 
-def _exchange(task: Task, pool: Pool, keep: int | None, report: Report, *, repeats: bool = False) -> Array:
+def _exchange(task: SearchTask, pool: Pool, keep: int | None, report: Report, *, repeats: bool = False) -> Array:
     """Exchange over a pool, from its first ``keep`` poses as the plan, or from a greedy one."""
     start = None if keep is None else np.arange(keep)
     chosen = exchange(
@@ -171,7 +173,7 @@ def _exchange(task: Task, pool: Pool, keep: int | None, report: Report, *, repea
     return pool.poses[chosen]
 
 
-def _refine(task: Task, poses: Array, report: Report) -> Array:
+def _refine(task: SearchTask, poses: Array, report: Report) -> Array:
     if task.extended is not None:
         return poses  # no derivatives of those: neighbours are exchanged instead
     return refine(
@@ -186,7 +188,7 @@ def _refine(task: Task, poses: Array, report: Report) -> Array:
     )
 
 
-def _polish(task: Task, poses: Array, rng: np.random.Generator, report: Report) -> Array:
+def _polish(task: SearchTask, poses: Array, rng: np.random.Generator, report: Report) -> Array:
     """Gradient refinement; where constraints or kinks stop it, exchange among feasible neighbours of the poses."""
     free = task.feasible is None and task.distance == 0
     poses = _refine(task, poses, (lambda _: None) if not free else report)

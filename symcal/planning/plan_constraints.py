@@ -23,7 +23,7 @@ from symcal.planning.constraints import Constraint
 from symcal.planning.skeleton import Skeleton
 from symcal.planning.visibility import visibility
 from symcal.robot.schema import Frame
-from symcal.robot.schema import Units as FrameUnits
+from symcal.robot.schema import RobotUnits as FrameUnits
 from symcal.units import ANGLE, LENGTH
 
 Array = NDArray[np.float64]

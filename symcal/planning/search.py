@@ -16,7 +16,7 @@ from symcal.planning.bias_criterion import NAME, integrated_error
 from symcal.planning.certificate import Certificate, certify
 from symcal.planning.criteria import criterion as criterion_by_name
 from symcal.planning.information import PoseInformation
-from symcal.planning.methods import METHODS, Method, Task, fewest_poses, improve
+from symcal.planning.methods import METHODS, Method, SearchTask, fewest_poses, improve
 from symcal.planning.region import TaskRegion, area_region, region_accuracy
 from symcal.planning.worst_pose import FeasibleSet, feasible_set
 
@@ -112,7 +112,7 @@ def select_poses(
     else:
         merit = criterion_by_name(criterion, poses=count, accuracy=accuracy)
         fixed = info.prior
-    task = Task(info, merit, count - len(must), fixed, where, must, distance, extended)
+    task = SearchTask(info, merit, count - len(must), fixed, where, must, distance, extended)
     if len(must):
         task = replace(task, fixed=task.total(must))
     history: list[tuple[float, float]] = []

@@ -12,14 +12,25 @@ from scipy.stats import binned_statistic_2d
 from symcal.calibration.evaluate import statistics
 from symcal.compensation.handover import Handover
 from symcal.plots.panels import logarithmic
-from symcal.plots.style import LOOKS, NARROW, VERMILION, WIDE, Illustration, Look, grid, print_settings, settle, sheet
+from symcal.plots.style import (
+    LOOKS,
+    NARROW,
+    VERMILION,
+    WIDE,
+    FigureLook,
+    Illustration,
+    grid,
+    print_settings,
+    settle,
+    sheet,
+)
 from symcal.words import number, plural
 
 Array = NDArray[np.float64]
 
 _STATES = {
-    "before": Look("commands as planned", LOOKS["before"].color, "o", "--", True),
-    "after": Look("compensated", LOOKS["after"].color, "o", "-", False),
+    "before": FigureLook("commands as planned", LOOKS["before"].color, "o", "--", True),
+    "after": FigureLook("compensated", LOOKS["after"].color, "o", "-", False),
 }
 _CELLS = 36  # along the longer side of the area
 _MAP, _MARGIN = 58.0, 13.0  # width that a view has for itself, height of labels and title, mm

@@ -15,7 +15,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from symcal.calibration.evaluate import Errors
-from symcal.plots.style import FAINT, LOOKS, PARTS, Comparison, Look, marks
+from symcal.plots.style import FAINT, LOOKS, PARTS, Comparison, FigureLook, marks
 from symcal.words import plural
 
 Array = NDArray[np.float64]
@@ -97,7 +97,7 @@ def legend(figure: Figure, states: Sequence[str], *, markers: bool, lines: bool)
     figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), handlelength=2.6 if lines else 1.2)
 
 
-def _sign(look: Look, markers: bool, lines: bool) -> dict[str, Any]:
+def _sign(look: FigureLook, markers: bool, lines: bool) -> dict[str, Any]:
     sign = marks(look) | {"markersize": 3.2, "linewidth": 1.1}
     return sign | ({"linestyle": look.line} if lines else {}) | ({} if markers else {"marker": ""})
 

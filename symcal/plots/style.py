@@ -85,7 +85,7 @@ class Illustration:
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class FigureLook:
     """How a state of the robot is drawn everywhere: from light to dark as the model gets better."""
 
     label: str
@@ -95,11 +95,11 @@ class Look:
     hollow: bool
 
 
-LOOKS: dict[str, Look] = {
-    "before_raw": Look("nominal, frames as given", "#999999", "x", ":", True),
-    "before": Look("before: nominal, frames fitted", ORANGE, "o", "--", True),
-    "offsets_only": Look("joint offsets only", GREEN, "^", "-.", True),
-    "after": Look("after: all parameters", BLUE, "o", "-", False),
+LOOKS: dict[str, FigureLook] = {
+    "before_raw": FigureLook("nominal, frames as given", "#999999", "x", ":", True),
+    "before": FigureLook("before: nominal, frames fitted", ORANGE, "o", "--", True),
+    "offsets_only": FigureLook("joint offsets only", GREEN, "^", "-.", True),
+    "after": FigureLook("after: all parameters", BLUE, "o", "-", False),
 }
 """From light to dark."""
 
@@ -147,7 +147,7 @@ def grid(axes: Axes, axis: str = "y") -> None:
     axes.tick_params(which="both", direction="out")
 
 
-def marks(look: Look) -> dict[str, Any]:
+def marks(look: FigureLook) -> dict[str, Any]:
     """Keyword arguments for markers of a state, without a line."""
     return {
         "linestyle": "none",

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from symcal import spatial
 from symcal.documents.document import write_document
 from symcal.errors import InputError
-from symcal.robot.schema import LINK_PARAMETERS, SCHEMA, Calibration, LinkEntry, read_robot_file
+from symcal.robot.schema import LINK_PARAMETERS, SCHEMA, CalibrationEntry, LinkEntry, read_robot_file
 from symcal.robot.schema import Convention as Convention
 from symcal.robot.schema import Frame as Frame
 from symcal.robot.schema import JointKind as JointKind
@@ -212,7 +212,7 @@ def _link(entry: LinkEntry, name: str, length: float, angle: float) -> Link:
     return Link(joint, parameters)
 
 
-def _record(c: Calibration | None, length: float, angle: float) -> Record | None:
+def _record(c: CalibrationEntry | None, length: float, angle: float) -> Record | None:
     if c is None:
         return None
     return Record(

@@ -36,7 +36,7 @@ def is_angle(parameter: str) -> bool:
     return parameter in ("theta", "alpha", "beta")
 
 
-class Units(Strict):
+class RobotUnits(Strict):
     length: LengthUnit
     angle: AngleUnit
 
@@ -109,7 +109,7 @@ class LinkEntry(Strict):
     beta: _Number = None
 
 
-class Calibration(Strict):
+class CalibrationEntry(Strict):
     errors: dict[str, float]
     sigmas: dict[str, float | None]
     covariance: list[list[float]]
@@ -122,12 +122,12 @@ class RobotFile(Strict):
     schema_: Literal["symcal/robot/1"] = Field(default=SCHEMA, alias="schema")
     name: Annotated[str, Field(min_length=1)]
     convention: Convention
-    units: Units
+    units: RobotUnits
     links: Annotated[list[LinkEntry], Field(min_length=1)]
     base: Frame = Frame()
     tool: Frame = Frame()
     scales: dict[str, _Positive] = Field(default_factory=dict)
-    calibration: Annotated[Calibration | None, BeforeValidator(_given)] = None
+    calibration: Annotated[CalibrationEntry | None, BeforeValidator(_given)] = None
 
     @property
     def joint_names(self) -> list[str]:
@@ -188,7 +188,7 @@ def _check_angles(document: Document, file: RobotFile) -> None:
             raise document.error(message, key, found=value)
 
 
-def _check_calibration(document: Document, calibration: Calibration, parameters: list[str]) -> None:
+def _check_calibration(document: Document, calibration: CalibrationEntry, parameters: list[str]) -> None:
     for name in calibration.errors:
         if name.rpartition("_")[0] in LINK_PARAMETERS and name not in parameters:
             key: Key = ("calibration", "errors", name)

@@ -21,7 +21,7 @@ from symcal.robot.robot import Robot
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class MeasuredData:
     """The measurements of a run, and the files read.
 
     Of simulated ones also the true robot, and the test poses, if any, without noise.
@@ -41,7 +41,7 @@ def measurements(
     *,
     data: Path | None = None,
     planned: Planned | None = None,
-) -> Measured:
+) -> MeasuredData:
     """The measurements of an experiment, simulated or read.
 
     Args:
@@ -66,11 +66,11 @@ def measurements(
         train = simulate(model, truth, random if planned is None else planned.plan.poses, noise, rng)
         robot = true_robot(model, truth)
         if not source.test_poses:
-            return Measured(train, truth=robot)
+            return MeasuredData(train, truth=robot)
         q = rng.uniform(lower, upper, (source.test_poses, len(lower)))
         test = simulate(model, truth, q, noise, rng, "test")
         exact = simulate(model, truth, q, Noise(), rng, "test")
-        return Measured(concatenate(train, test), truth=robot, exact=exact)
+        return MeasuredData(concatenate(train, test), truth=robot, exact=exact)
     read = source if isinstance(source, FileData) else FileData(source="file", file=str(data))
     path = data or config.existing(document, read.file, ("data", "file"), "file of measurements")
     measured = load_measurements(
@@ -85,4 +85,4 @@ def measurements(
     )
     if read.split.test_fraction is not None:
         measured = with_random_test(measured, read.split.test_fraction, rng)
-    return Measured(measured, (path,))
+    return MeasuredData(measured, (path,))

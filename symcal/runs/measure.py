@@ -9,7 +9,7 @@ from pathlib import Path
 from symcal.camera.files import read_camera, read_target
 from symcal.config.scene import read_scene
 from symcal.data.measurement_file import save_measurements
-from symcal.images.measure import Measured, measure_images, read_shots
+from symcal.images.measure import MeasuredImages, measure_images, read_shots
 from symcal.robot.robot import load_robot
 from symcal.runs.camera import image_files
 
@@ -25,7 +25,7 @@ def measure_files(
     scene: Path | None = None,
     search_px: float = 100.0,
     progress: Callable[[str], None] = lambda _: None,
-) -> Measured:
+) -> MeasuredImages:
     """Measure images and write the measurements; images that failed stand in the file's first lines.
 
     Args:

@@ -26,7 +26,7 @@ _LEAST = 8  # corners of a partly seen board that still hold a pose and a hint o
 
 
 @dataclass(frozen=True, slots=True)
-class Detection:
+class BoardDetection:
     """The board's points in one image.
 
     Attributes:
@@ -55,7 +55,7 @@ class Refusal:
     reason: str
 
 
-def detect_boards(paths: Iterable[Path | str], board: Board) -> tuple[list[Detection], list[Refusal]]:
+def detect_boards(paths: Iterable[Path | str], board: Board) -> tuple[list[BoardDetection], list[Refusal]]:
     """Look for the board in image files; every file ends in exactly one of the two lists.
 
     The size that most images have is the camera's; images of another size are refused.
@@ -70,21 +70,21 @@ def detect_boards(paths: Iterable[Path | str], board: Board) -> tuple[list[Detec
             refusals.append(Refusal(Path(path).name, "cut" if cut else "unreadable", error.message))
     shapes = [image.shape for _, image in images]
     usual = max(dict.fromkeys(shapes), key=shapes.count, default=(0, 0))
-    detections: list[Detection] = []
+    detections: list[BoardDetection] = []
     for name, image in images:
         if image.shape != usual:
             sizes = f"{image.shape[1]} x {image.shape[0]} px, the others {usual[1]} x {usual[0]} px"
             refusals.append(Refusal(name, "size", f"the image has another size than the others: {sizes}"))
             continue
         found = detect_board(image, board, name)
-        if isinstance(found, Detection):
+        if isinstance(found, BoardDetection):
             detections.append(found)
         else:
             refusals.append(found)
     return detections, refusals
 
 
-def detect_board(image: Image, board: Board, name: str = "image") -> Detection | Refusal:
+def detect_board(image: Image, board: Board, name: str = "image") -> BoardDetection | Refusal:
     """The board's points in one image, or why there are none.
 
     Chessboards: the classic detector, then the sector-based one [Duda2018], both ending in a gradient-based corner
@@ -120,7 +120,7 @@ def detect_board(image: Image, board: Board, name: str = "image") -> Detection |
             f"no board with {board.columns} x {board.rows} {what} is seen whole (it may be cut off, blurred or hidden)"
         )
         return Refusal(name, "no board", reason)
-    return Detection(name, size, indices, pixels, radii, _edge_blur(image, board, indices, pixels), method)
+    return BoardDetection(name, size, indices, pixels, radii, _edge_blur(image, board, indices, pixels), method)
 
 
 def _find_charuco(image: Image, board: Board) -> tuple[str, NDArray[np.intp], Float]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from symcal.camera.board import Board
 from symcal.camera.camera import INTRINSIC_NAMES, Camera
 from symcal.errors import RefusedError
-from symcal.vision.board import Detection, Refusal
+from symcal.vision.board import BoardDetection, Refusal
 from symcal.vision.bowed import adjust_bowed, free_coordinates
 from symcal.vision.circles import dot_bias
 from symcal.vision.precision import GRID, Pose, intrinsic_covariance, projected, projection_sigma
@@ -100,7 +100,7 @@ class _Fit:
 
 
 def calibrate_camera(
-    detections: Sequence[Detection], board: Board, refusals: Sequence[Refusal] = (), *, bowed: bool = False
+    detections: Sequence[BoardDetection], board: Board, refusals: Sequence[Refusal] = (), *, bowed: bool = False
 ) -> CameraCalibration:
     """Intrinsics, distortion and board poses that minimise the squared reprojection errors.
 
@@ -153,7 +153,7 @@ def calibrate_camera(
     )
 
 
-def _fit(views: list[Detection], board: Board, radius: float | None, bowed: bool) -> tuple[_Fit, list[Float]]:
+def _fit(views: list[BoardDetection], board: Board, radius: float | None, bowed: bool) -> tuple[_Fit, list[Float]]:
     """The adjustment of all stages, and the image points it rests on."""
     pixels = [view.pixels for view in views]
     fit = _adjust(views, pixels, board, free_k3=True)
@@ -167,7 +167,7 @@ def _fit(views: list[Detection], board: Board, radius: float | None, bowed: bool
     return (_bend(fit, views, pixels, board) if bowed else fit), pixels
 
 
-def _adjust(views: list[Detection], pixels: list[Float], board: Board, free_k3: bool) -> _Fit:
+def _adjust(views: list[BoardDetection], pixels: list[Float], board: Board, free_k3: bool) -> _Fit:
     """One bundle adjustment by OpenCV with a flat board."""
     points = [board.points[view.indices].astype(np.float32) for view in views]
     images = [image.astype(np.float32).reshape(-1, 1, 2) for image in pixels]
@@ -180,7 +180,7 @@ def _adjust(views: list[Detection], pixels: list[Float], board: Board, free_k3: 
     return _Fit(_checked(views[0].size, matrix, dist), _poses(turns, shifts), board.points, free_k3)
 
 
-def _bend(fit: _Fit, views: list[Detection], pixels: list[Float], board: Board) -> _Fit:
+def _bend(fit: _Fit, views: list[BoardDetection], pixels: list[Float], board: Board) -> _Fit:
     if any(len(view.indices) < len(board.points) for view in views):
         raise RefusedError("the shape of a board can be estimated only from views that show all of it")
     camera, poses, points = adjust_bowed(fit.camera, fit.poses, board, pixels, fit.free_k3)
@@ -200,21 +200,21 @@ def _poses(turns: Iterable[object], shifts: Iterable[object]) -> list[Pose]:
     return [(np.ravel(r).astype(float), np.ravel(t).astype(float)) for r, t in zip(turns, shifts, strict=True)]  # type: ignore[call-overload]
 
 
-def _residuals(fit: _Fit, views: list[Detection], pixels: list[Float]) -> list[Float]:
+def _residuals(fit: _Fit, views: list[BoardDetection], pixels: list[Float]) -> list[Float]:
     return [
         measured - projected(fit.camera, pose, fit.points[view.indices])
         for pose, view, measured in zip(fit.poses, views, pixels, strict=True)
     ]
 
 
-def _covariance(fit: _Fit, views: list[Detection], residuals: Float) -> Float:
+def _covariance(fit: _Fit, views: list[BoardDetection], residuals: Float) -> Float:
     points = [fit.points[view.indices] for view in views]
     return intrinsic_covariance(
         fit.camera, fit.poses, points, residuals, free_k3=fit.free_k3, free_points=fit.free_points
     )
 
 
-def _view(fit: _Fit, view: Detection, board: Board, pose: Pose | None, radius: float | None, limit: str) -> View:
+def _view(fit: _Fit, view: BoardDetection, board: Board, pose: Pose | None, radius: float | None, limit: str) -> View:
     camera, points = fit.camera, fit.points[view.indices]
     used = pose is not None
     if pose is None:
@@ -236,14 +236,14 @@ def _transform(pose: Pose) -> Float:
     return result
 
 
-def _unbiased(camera: Camera, pose: Pose, view: Detection, board: Board, radius: float | None) -> Float:
+def _unbiased(camera: Camera, pose: Pose, view: BoardDetection, board: Board, radius: float | None) -> Float:
     if radius is None:
         return view.pixels
     bias = dot_bias(camera, board, _transform(pose), view.indices, radius)
     return view.pixels - np.nan_to_num(bias)
 
 
-def _dot_radius(views: list[Detection], board: Board) -> float | None:
+def _dot_radius(views: list[BoardDetection], board: Board) -> float | None:
     radii = [view.radii for view in views if view.radii is not None]
     return float(np.median(np.concatenate(radii))) * board.square if radii else None
 

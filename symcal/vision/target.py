@@ -25,7 +25,7 @@ _ROUNDS = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Detection:
+class TargetDetection:
     """Image points of a target's discs.
 
     Attributes:
@@ -61,7 +61,7 @@ def detect_target(
     colour: Colour = "any",
     shape: Shape = "disc",
     least: int = 3,
-) -> Detection:
+) -> TargetDetection:
     """Find a target's discs near their predicted images, to a fraction of a pixel.
 
     Blobs of the predicted size are labelled by their arrangement; the pose that fits them predicts each disc's
@@ -112,7 +112,7 @@ def detect_target(
         pose, radius = fit_pose(camera, start, target.points[found], pixels), radius * (1 + growth)
         if np.abs(shifts).max() < 1e-3 and abs(growth) < 1e-3:
             break
-    return Detection(
+    return TargetDetection(
         names=tuple(target.names[i] for i in found),
         pixels=pixels,
         sigma_px=np.array([fits[i].sigma_px for i in found]),

@@ -13,7 +13,7 @@ from symcal.planning.constraints import feasible
 from symcal.planning.coverage import nearest_distance
 from symcal.planning.criteria import criterion
 from symcal.planning.genetic_method import genetic_plan
-from symcal.planning.methods import Task
+from symcal.planning.methods import SearchTask
 from symcal.planning.visibility import visibility
 from symcal.planning.worst_pose import FeasibleSet, feasible_set
 
@@ -26,7 +26,7 @@ def nothing(_):
 
 def task_of(info, where, count=40, required=None, distance=0.0):
     required = np.zeros((0, 5)) if required is None else required
-    return Task(info, D, count, info.total(required), where, required, distance)
+    return SearchTask(info, D, count, info.total(required), where, required, distance)
 
 
 @pytest.mark.parametrize("coding", ["binary", "real"])

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from symcal.camera.board import parse_board
 from symcal.camera.camera import Camera
 from symcal.errors import InputError
-from symcal.vision.board import Detection, Refusal, detect_board, detect_boards
+from symcal.vision.board import BoardDetection, Refusal, detect_board, detect_boards
 from symcal.vision.circles import dot_bias
 from symcal.vision.images import read_image
 from symcal.vision.render import Look, render_board
@@ -37,7 +37,7 @@ def test_points_are_found_to_sub_pixel(text: str, rng: np.random.Generator) -> N
     board = parse_board(text)
     for view in board_views(CAMERA, board, 3, rng):
         found = detect_board(render_board(CAMERA, board, view, rng), board)
-        assert isinstance(found, Detection)
+        assert isinstance(found, BoardDetection)
         assert len(found.indices) >= (0.9 if board.kind == "charuco" else 1.0) * len(board.points)
         true = seen(CAMERA, board, view)
         if found.radii is not None:
@@ -55,7 +55,7 @@ def test_a_board_without_symmetry_has_one_order(text: str, half_turns: int, rng:
         TILT * Rotation.from_rotvec([0, 0, np.pi * half_turns]), board.points.mean(axis=0), np.zeros(2), 420.0
     )
     found = detect_board(render_board(CAMERA, board, view, rng), board)
-    assert isinstance(found, Detection)
+    assert isinstance(found, BoardDetection)
     assert np.abs(found.pixels - seen(CAMERA, board, view)).max() < 1.0
 
 
@@ -79,7 +79,7 @@ def test_the_window_stays_clear_of_neighbouring_corners(rng: np.random.Generator
     camera, board = Camera(640, 480, 500.0, 500.0, 320.0, 240.0), parse_board("chessboard:9x6:10mm")
     view = placed(Rotation.from_rotvec([0.4, 0.3, 0]), board.points.mean(axis=0), np.array([0.2, 0.1]), 620.0)
     found = detect_board(render_board(camera, board, view, rng, Look(blur_px=0.5)), board)
-    assert isinstance(found, Detection)
+    assert isinstance(found, BoardDetection)
     assert np.abs(nearest_order(found.pixels, found.indices, seen(camera, board, view))).max() < 0.2
 
 
@@ -89,7 +89,7 @@ def test_the_sector_based_detector_finds_what_the_classic_one_does_not(rng: np.r
     view = placed(TILT, board.points.mean(axis=0), np.zeros(2), 420.0)
     noisy = render_board(CAMERA, board, view, rng, Look(noise=0.2))
     found = detect_board(noisy, board)
-    assert isinstance(found, Detection)
+    assert isinstance(found, BoardDetection)
     assert found.method.startswith("sector-based")
     assert np.sqrt(np.mean(nearest_order(found.pixels, found.indices, seen(CAMERA, board, view)) ** 2)) < 0.6
 
@@ -98,7 +98,7 @@ def test_part_of_a_charuco_board_is_enough(rng: np.random.Generator) -> None:
     board = parse_board("charuco:9x6:25mm:18mm:DICT_4X4_50")
     view = placed(TILT, board.points.mean(axis=0), np.array([0.55, 0.1]), 500.0)
     found = detect_board(render_board(CAMERA, board, view, rng), board)
-    assert isinstance(found, Detection)
+    assert isinstance(found, BoardDetection)
     assert 8 <= len(found.indices) < len(board.points)
     assert np.abs(found.pixels - seen(CAMERA, board, view)[found.indices]).max() < 0.4
 
@@ -108,7 +108,7 @@ def test_an_old_charuco_layout_is_recognised() -> None:
     source = cv2.aruco.CharucoBoard((7, 6), 30.0, 22.0, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
     source.setLegacyPattern(True)
     found = detect_board(source.generateImage((700, 600), marginSize=30), board)
-    assert isinstance(found, Detection)
+    assert isinstance(found, BoardDetection)
     assert "before OpenCV 4.6" in found.method
     assert len(found.indices) == 30
 
@@ -119,7 +119,7 @@ def test_dots_cut_by_the_border_are_left_out(rng: np.random.Generator) -> None:
     whole = render_board(camera, board, middle, rng)
     left = int(seen(camera, board, middle)[:, 0].min()) - 3  # a strip of each dot of the first column is lost
     found = detect_board(np.ascontiguousarray(whole[:, left:]), board)
-    if isinstance(found, Detection):
+    if isinstance(found, BoardDetection):
         true = seen(camera, board, middle) - [left, 0]
         assert np.abs(nearest_order(found.pixels, found.indices, true)).max() < 0.05
     else:
@@ -132,7 +132,7 @@ def test_the_blur_of_the_edges_is_measured(text: str, sigma: float, rng: np.rand
     board = parse_board(text)
     view = placed(TILT, board.points.mean(axis=0), np.zeros(2), 420.0)
     found = detect_board(render_board(CAMERA, board, view, rng, Look(blur_px=sigma)), board)
-    assert isinstance(found, Detection)
+    assert isinstance(found, BoardDetection)
     assert found.blur_px == pytest.approx(np.hypot(sigma, 1 / np.sqrt(12)), rel=0.15)
 
 

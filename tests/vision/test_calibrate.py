@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from symcal.camera.board import Board, parse_board
 from symcal.camera.camera import Camera, project_points, rays
 from symcal.errors import RefusedError
-from symcal.vision.board import Detection, Refusal, detect_board, detect_boards
+from symcal.vision.board import BoardDetection, Refusal, detect_board, detect_boards
 from symcal.vision.calibrate import CameraCalibration, calibrate_camera
 from symcal.vision.precision import projection_sigma
 from symcal.vision.render import Look, render_board
@@ -24,13 +24,13 @@ CAMERA = Camera(1000, 800, 800.0, 801.0, 510.0, 390.0, (-0.25, 0.08, 0.0005, -0.
 CHESSBOARD = parse_board("chessboard:9x6:25mm")
 
 
-def exact(name: str, view: np.ndarray, board: Board = CHESSBOARD, camera: Camera = CAMERA) -> Detection:
+def exact(name: str, view: np.ndarray, board: Board = CHESSBOARD, camera: Camera = CAMERA) -> BoardDetection:
     """A detection with the true image points."""
     pixels = seen(camera, board, view)
-    return Detection(name, (camera.width, camera.height), np.arange(len(pixels)), pixels, None, 1.0, "exact")
+    return BoardDetection(name, (camera.width, camera.height), np.arange(len(pixels)), pixels, None, 1.0, "exact")
 
 
-def noisy(detections: list[Detection], sigma: float, rng: np.random.Generator) -> list[Detection]:
+def noisy(detections: list[BoardDetection], sigma: float, rng: np.random.Generator) -> list[BoardDetection]:
     return [replace(d, pixels=d.pixels + sigma * rng.standard_normal(d.pixels.shape)) for d in detections]
 
 
@@ -40,7 +40,7 @@ def rendered(camera: Camera, board: Board, count: int, rng: np.random.Generator)
     ]
     found = [detect_board(image, board, f"view {i}") for i, image in enumerate(images)]
     refusals = [item for item in found if isinstance(item, Refusal)]
-    return calibrate_camera([item for item in found if isinstance(item, Detection)], board, refusals)
+    return calibrate_camera([item for item in found if isinstance(item, BoardDetection)], board, refusals)
 
 
 def test_exact_points_give_the_camera_back(rng: np.random.Generator) -> None:
@@ -144,7 +144,7 @@ def test_a_bowed_board_gives_the_camera_and_its_shape(rng: np.random.Generator) 
     detections = []
     for i, view in enumerate(board_views(CAMERA, CHESSBOARD, 14, rng)):
         pixels = project_points(CAMERA, bent @ view[:3, :3].T + view[:3, 3])
-        detections.append(Detection(str(i), (1000, 800), np.arange(len(flat)), pixels, None, 1.0, "exact"))
+        detections.append(BoardDetection(str(i), (1000, 800), np.arange(len(flat)), pixels, None, 1.0, "exact"))
     detections = noisy(detections, 0.05, rng)
     as_flat = calibrate_camera(detections, CHESSBOARD)
     result = calibrate_camera(detections, CHESSBOARD, bowed=True)

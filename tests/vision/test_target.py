@@ -19,7 +19,7 @@ from symcal.vision.failures import Failure, NotDetected
 from symcal.vision.labelling import assign_labels
 from symcal.vision.outlines import predict_outline
 from symcal.vision.render import Look, render_discs
-from symcal.vision.target import Detection, detect_target
+from symcal.vision.target import TargetDetection, detect_target
 
 Float = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ def off(T: Float, rng: np.random.Generator, mm: float = 3.0, deg: float = 0.5) -
 
 def detect_small(
     T: Float, rng: np.random.Generator, target: Target = TRIANGLE, look: Look = Look(), **options: Any
-) -> Detection:
+) -> TargetDetection:
     return detect_target(SMALL, target, render_discs(SMALL, target, T, rng, look), off(T, rng), **options)
 
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from symcal.camera.board import parse_board
 from symcal.camera.camera import Camera
-from symcal.vision.board import Detection, Refusal
+from symcal.vision.board import BoardDetection, Refusal
 from symcal.vision.calibrate import calibrate_camera
 from symcal.vision.verdict import Verdict, judge
 
@@ -18,12 +18,14 @@ CAMERA = Camera(1000, 800, 800.0, 801.0, 510.0, 390.0, (-0.25, 0.08))
 BOARD = parse_board("chessboard:9x6:25mm")
 
 
-def detections(views: list[np.ndarray], sigma: float, rng: np.random.Generator) -> list[Detection]:
+def detections(views: list[np.ndarray], sigma: float, rng: np.random.Generator) -> list[BoardDetection]:
     result = []
     for i, view in enumerate(views):
         pixels = seen(CAMERA, BOARD, view)
         noise = sigma * rng.standard_normal(pixels.shape)
-        result.append(Detection(f"view {i}", (1000, 800), np.arange(len(pixels)), pixels + noise, None, 1.0, "exact"))
+        result.append(
+            BoardDetection(f"view {i}", (1000, 800), np.arange(len(pixels)), pixels + noise, None, 1.0, "exact")
+        )
     return result
 
 

@@ -15,7 +15,7 @@ from symcal.errors import InputError
 from symcal.export.c.expressions import programs
 from symcal.export.c.names import identifier
 from symcal.export.c.project import cost, project_files
-from symcal.export.c.source import Model, header, model_hash, source
+from symcal.export.c.source import CModel, header, model_hash, source
 from symcal.export.c.vectors import self_test_vectors
 from symcal.robot.robot import Robot
 
@@ -69,7 +69,7 @@ def export_c(
         iterations = 3 if (joint_caps(robot) <= joint_caps(robot.nominal())).all() else 6
     if iterations < 1 or vectors < 1:
         raise InputError("there must be at least one iteration and one test vector", found=(iterations, vectors))
-    model = Model(robot, prefix or identifier(robot.name, "robot"), iterations, programs(robot))
+    model = CModel(robot, prefix or identifier(robot.name, "robot"), iterations, programs(robot))
     texts = {
         f"{model.prefix}_kinematics.h": header(model),
         f"{model.prefix}_kinematics.c": source(model),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from symcal.compensation.compensate import LEVER, joint_caps
 from symcal.export.c.names import identifiers, printable
-from symcal.export.c.source import FLOAT_REACHED, Model, fill, model_hash, table
+from symcal.export.c.source import FLOAT_REACHED, CModel, fill, model_hash, table
 from symcal.export.c.vectors import Vectors
 from symcal.kernels.instructions import Operation, Program
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 _LIBM = {"sin", "cos", "sqrt", "atan2"}
 
 
-def project_files(model: Model, vectors: Vectors) -> dict[str, str]:
+def project_files(model: CModel, vectors: Vectors) -> dict[str, str]:
     """Path -> text of everything but header and source."""
     robot, n = model.robot, model.robot.dof
     reach = max(robot.reach, 1.0)
@@ -67,7 +67,7 @@ def operations(program: Program) -> tuple[int, int]:
     return sum(counts.values()), sum(counts[name] for name in _LIBM)
 
 
-def cost(model: Model, function: str) -> tuple[int, int]:
+def cost(model: CModel, function: str) -> tuple[int, int]:
     """Operations of one call of a public function, and of those among them that call libm."""
     if "compensate" not in function:
         return operations(model.programs[function])
@@ -94,7 +94,7 @@ _WHAT = {
 }
 
 
-def _readme(model: Model, vectors: Vectors) -> dict[str, object]:
+def _readme(model: CModel, vectors: Vectors) -> dict[str, object]:
     robot = model.robot
     if robot.record is not None:
         state = "The calibrated numbers are built in as constants; the nominal ones too."

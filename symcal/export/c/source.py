@@ -30,7 +30,7 @@ _SIGNATURE = 72  # arguments that are longer go to lines of their own
 
 
 @dataclass(frozen=True, slots=True)
-class Model:
+class CModel:
     """What the texts need to know of a robot."""
 
     robot: Robot
@@ -95,7 +95,7 @@ def model_hash(robot: Robot) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def header(model: Model) -> str:
+def header(model: CModel) -> str:
     names = [*model.functions, *TABLES]
     values = _common(model) | {
         "lever": f"{LEVER:g}",
@@ -125,7 +125,7 @@ def header(model: Model) -> str:
     return fill("header.h", values)
 
 
-def source(model: Model) -> str:
+def source(model: CModel) -> str:
     robot = model.robot
     limits = [
         np.where(np.isfinite(v), v, math.copysign(_UNLIMITED, s)) for v, s in ((robot.lower, -1), (robot.upper, 1))
@@ -145,7 +145,7 @@ def source(model: Model) -> str:
     return fill("source.c", values)
 
 
-def signature(model: Model, name: str, real: str) -> str:
+def signature(model: CModel, name: str, real: str) -> str:
     """Arguments of a public function."""
     n = model.robot.dof
     arguments = [f"const {real} q[{n}]"]
@@ -168,7 +168,7 @@ def table(values: Array, columns: int = 6) -> str:
     return "{\n  " + ",\n  ".join(rows) + "\n}"
 
 
-def _common(model: Model) -> dict[str, object]:
+def _common(model: CModel) -> dict[str, object]:
     return {
         "robot": printable(model.robot.name),
         "prefix": model.prefix,
@@ -192,7 +192,7 @@ def _parameter_lines(names: Sequence[str]) -> str:
     return "\n".join(" *   " + ", ".join(texts[k : k + 6]) for k in range(0, len(texts), 6)) or " *   (none)"
 
 
-def _function(model: Model, name: str, program: Program) -> str:
+def _function(model: CModel, name: str, program: Program) -> str:
     """A program as a C function: public ones as the header declares them, the others static."""
     inputs, outputs = [port.name for port in program.inputs], [port.name for port in program.outputs]
     if name in model.functions:
@@ -203,7 +203,7 @@ def _function(model: Model, name: str, program: Program) -> str:
     return f"{head}\n{{\n{_indented(c_statements(program, inputs, outputs))}\n}}\n"
 
 
-def _compensation(model: Model, name: str) -> str:
+def _compensation(model: CModel, name: str) -> str:
     pose, given = "pose" in name, name.endswith("_with")
     squares = [f"error[{i}] * error[{i}]" for i in range(6 if pose else 3)]
     size = " + ".join(squares[:3])

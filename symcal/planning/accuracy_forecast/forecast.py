@@ -16,7 +16,7 @@ from symcal.planning.accuracy_forecast.prediction import Prediction, RandomPlans
 from symcal.planning.area import Feasible
 from symcal.planning.criteria import criterion
 from symcal.planning.information import PoseInformation
-from symcal.planning.methods import METHODS, Task, fewest_poses
+from symcal.planning.methods import METHODS, SearchTask, fewest_poses
 from symcal.planning.region import Accuracy, TaskRegion, area_region, region_accuracy
 from symcal.planning.worst_pose import FeasibleSet, feasible_set
 
@@ -230,9 +230,9 @@ def ground(
     return Ground(accuracy, where, error_floor(info, accuracy, where, for_bound))
 
 
-def _task(info: PoseInformation, accuracy: Accuracy, where: FeasibleSet, objective: str, count: int) -> Task:
+def _task(info: PoseInformation, accuracy: Accuracy, where: FeasibleSet, objective: str, count: int) -> SearchTask:
     merit = criterion(objective, poses=count, accuracy=accuracy)
-    return Task(info, merit, count, info.prior, where, np.zeros((0, info.area.dof)))
+    return SearchTask(info, merit, count, info.prior, where, np.zeros((0, info.area.dof)))
 
 
 def _figure(errors: Prediction | RandomPlans, figure: Figure) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.planning.information import PoseInformation
-from symcal.planning.methods import Task, random_plan
+from symcal.planning.methods import SearchTask, random_plan
 from symcal.planning.region import Accuracy
 from symcal.planning.worst_pose import FeasibleSet, feasible_set, largest
 
@@ -59,7 +59,7 @@ def predict(accuracy: Accuracy, posterior: Array, rng: np.random.Generator) -> P
 def random_plans(
     info: PoseInformation,
     accuracy: Accuracy,
-    task: Task,
+    task: SearchTask,
     logdet_upper_bound: float,
     plans: int,
     rng: np.random.Generator,

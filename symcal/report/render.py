@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -14,11 +15,12 @@ from typing import Any
 from symcal.errors import InputError
 from symcal.report.camera import camera_text
 from symcal.report.identification import identification_text
-from symcal.report.paper import paper_text
 from symcal.report.plan import plan_text
 
-TEXTS = {"camera": camera_text, "identification": identification_text, "paper": paper_text, "plan": plan_text}
+TEXTS = {"camera": camera_text, "identification": identification_text, "plan": plan_text}
 """The texts of each kind of report; its template has the same name."""
+
+_TEMPLATES = files("symcal.report").joinpath("templates")
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +39,15 @@ def write_report(
 ) -> None:
     """Write the report of a results dictionary (results.json) as PDF.
 
+    Raises:
+        InputError: the file cannot be written.
+    """
+    render(TEXTS[kind](content), pictures, path, _TEMPLATES.joinpath(f"{kind}.typ"))
+
+
+def render(text: Mapping[str, Any], pictures: Sequence[Picture], path: Path | str, template: Traversable) -> None:
+    """Write a report from its text and its own template, beside which the common ones stand.
+
     Names and texts reach the template as data and are never read as markup.
 
     Raises:
@@ -46,9 +57,9 @@ def write_report(
 
     with TemporaryDirectory(prefix="symcal-report-") as name:
         folder = Path(name)
-        for template in files("symcal.report").joinpath("templates").iterdir():
-            if template.name.endswith(".typ"):
-                (folder / template.name).write_text(template.read_text(encoding="utf-8"), encoding="utf-8")
+        for part in (*_TEMPLATES.iterdir(), template):
+            if part.name.endswith(".typ"):
+                (folder / part.name).write_text(part.read_text(encoding="utf-8"), encoding="utf-8")
         placed = []
         for i, picture in enumerate(pictures):
             shutil.copyfile(picture.file, folder / f"figure{i}.pdf")
@@ -61,9 +72,9 @@ def write_report(
                     "caption": picture.caption,
                 }
             )
-        data = {"text": TEXTS[kind](content), "pictures": placed}
+        data = {"text": text, "pictures": placed}
         (folder / "data.json").write_text(json.dumps(data, allow_nan=False), encoding="utf-8")
-        pdf = typst.compile(folder / f"{kind}.typ", root=folder)
+        pdf = typst.compile(folder / template.name, root=folder)
     try:
         Path(path).write_bytes(pdf)
     except OSError as error:

@@ -15,11 +15,11 @@ from symcal.data.measurement_file import save_measurements
 from symcal.documents.document import write_document
 from symcal.export.corrections import corrections
 from symcal.export.results import correction_facts, handover_facts
-from symcal.paper_study.content import study_content
-from symcal.paper_study.results import Study
-from symcal.paper_study.study import run_study
-from symcal.paper_study.surroundings import surroundings
-from symcal.paper_study.tables import study_tables
+from symcal.paper.content import study_content
+from symcal.paper.results import Study
+from symcal.paper.study import run_study
+from symcal.paper.surroundings import surroundings
+from symcal.paper.tables import study_tables
 from symcal.planning.plan_file import write_plan, write_waypoints
 from symcal.robot.robot import Robot, save_robot
 from symcal.runs.code import with_code
@@ -104,15 +104,16 @@ def write(outcome: StudyOutcome, folder: Path, progress: Progress = lambda _: No
         write_waypoints(tables / f"waypoints_{name}.csv", robot, plan.motion)
     if not (experiment.file.outputs.figures or experiment.file.outputs.report):
         return outcome
+    from symcal.paper.plots import study_figures
+    from symcal.paper.report import write_paper_report
     from symcal.plots.handover import handover_figures
-    from symcal.plots.paper import study_figures
-    from symcal.report import save_figures, write_report
+    from symcal.report import save_figures
 
     progress("drawing")
     pictures = save_figures((*study_figures(study), *handover_figures(outcome.handover)), folder / "figures")
     if experiment.file.outputs.report:
         progress("writing the report")
-        write_report(outcome.content, pictures, folder / "report.pdf", kind="paper")
+        write_paper_report(outcome.content, pictures, folder / "report.pdf")
     return outcome
 
 

@@ -11,10 +11,10 @@ from study_case import outcome
 from symcal.data.dataset import Dataset
 from symcal.fit.estimation import Options, fit
 from symcal.fit.residual_rows import rows_of
-from symcal.paper_study.batch_fit import fit_many
-from symcal.paper_study.mirror import canonical
-from symcal.paper_study.repetitions import cramer_rao, judge, measure
-from symcal.paper_study.setting import positions
+from symcal.paper.batch_fit import fit_many
+from symcal.paper.mirror import canonical
+from symcal.paper.repetitions import cramer_rao, judge, measure
+from symcal.paper.setting import positions
 
 
 def single(setting, q, z, model=None):

@@ -16,16 +16,16 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from symcal.calibration.simulate import Noise
-from symcal.paper_study import published
-from symcal.paper_study.printed import printed_tables
-from symcal.paper_study.results import Study
-from symcal.paper_study.surroundings import mean_norm
-from symcal.plots.paper import study_figures
-from symcal.plots.paper.looks import PLANS
-from symcal.report import Picture, save_figures, write_report
-from symcal.report.paper import paper_text
-from symcal.report.paper.blocks import at_least, percent
-from symcal.report.paper.verdict import study_verdict
+from symcal.paper import published
+from symcal.paper.plots import study_figures
+from symcal.paper.plots.looks import PLANS
+from symcal.paper.printed import printed_tables
+from symcal.paper.report import paper_text, write_paper_report
+from symcal.paper.report.blocks import at_least, percent
+from symcal.paper.report.verdict import study_verdict
+from symcal.paper.results import Study
+from symcal.paper.surroundings import mean_norm
+from symcal.report import Picture, save_figures
 from symcal.runs import experiment
 from symcal.runs.study import StudyOutcome, study_experiment
 from symcal.words import number
@@ -66,7 +66,7 @@ def pictures(study: Study, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pi
 @pytest.fixture(scope="module")
 def text(content: dict[str, Any], pictures: tuple[Picture, ...], tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("paper") / "report.pdf"
-    write_report(content, pictures, path, kind="paper")
+    write_paper_report(content, pictures, path)
     return _text(path)
 
 
@@ -106,7 +106,7 @@ def test_numbers_stand_beside_the_papers(content: dict[str, Any], text: str) -> 
 
 def test_report_needs_no_picture(content: dict[str, Any], tmp_path: Path) -> None:
     path = tmp_path / "report.pdf"
-    write_report(content, (), path, kind="paper")
+    write_paper_report(content, (), path)
     assert "a figure that was not drawn" in _text(path)
 
 

@@ -10,8 +10,8 @@ import pytest
 from study_case import CONFIG, experiment, outcome
 
 from symcal.errors import InputError, RefusedError
-from symcal.paper_study import published
-from symcal.paper_study.simulation_1 import recover
+from symcal.paper import published
+from symcal.paper.simulation_1 import recover
 from symcal.robot.robot import load_robot
 from symcal.runs.experiment import load, run
 from symcal.runs.study import study_experiment, write

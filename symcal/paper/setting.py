@@ -1,0 +1,105 @@
+"""What all parts of the study share, made from an experiment."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symcal import measurements
+from symcal.calibration.simulate import Noise
+from symcal.camera.camera import Camera
+from symcal.camera.target import Target
+from symcal.config import conversion as config
+from symcal.config.conversion import ExperimentFile, SimulatedData
+from symcal.config.study import SceneConfig, StudyConfig
+from symcal.documents.document import Document
+from symcal.errors import RefusedError
+from symcal.kernels import batch_function
+from symcal.model.model import Model
+from symcal.paper.results import Setting
+from symcal.planning.camera_view import CameraView, camera_view, look_at
+from symcal.planning.plan_problem import PlanProblem, plan_problem
+from symcal.planning.region import TaskRegion, region_accuracy
+from symcal.planning.search import SAMPLE
+from symcal.planning.worst_pose import feasible_set
+
+Array = NDArray[np.float64]
+
+
+def study_setting(
+    file: ExperimentFile,
+    document: Document,
+    model: Model,
+    study: StudyConfig,
+    for_problem: np.random.Generator,
+    rng: np.random.Generator,
+) -> tuple[Setting, PlanProblem]:
+    """Convert what the study needs to mm and rad, and draw its test poses.
+
+    Args:
+        for_problem: randomness of the planning problem, as other commands use it.
+    Raises:
+        RefusedError: the experiment is not simulated, not about positions of one point with known frames, has no noise
+            or test poses, or says neither where the robot starts nor how fast its joints are.
+    """
+    data = file.data
+    if not isinstance(data, SimulatedData) or not data.noise.position or not data.test_poses:
+        raise RefusedError("the study compares with a known truth: it needs simulated data with noise and test poses")
+    if model.task.kind != "position" or len(model.task.point_names) != 1 or model.placement:
+        raise RefusedError(
+            "the study is about positions of one point of a robot whose base and tool are known, as in the paper: "
+            "measurement of type 'position' with one point and nothing to estimate"
+        )
+    for_truth, for_test, for_sample = rng.spawn(3)
+    problem = plan_problem(file, document, model, for_problem)
+    if problem.start is None or problem.speeds is None:
+        raise RefusedError("the study drives its plans as tours: give 'plan.start' and 'plan.speeds'")
+    units = dict(zip(model.parameters.names, model.parameters.units, strict=True))
+    truth = model.parameters.vector(config.truth_of(data, file, document, dict(units), for_truth))
+    noise = Noise(data.noise.distribution, data.noise.position * file.units.factor("mm"))
+    test = problem.area.sample(for_test, data.test_poses)
+    predict = batch_function(model.measurement.predict)
+    return (
+        Setting(
+            model=model,
+            predict=predict,
+            truth=truth,
+            noise=noise,
+            sigma=noise.sigma(noise.position),
+            count=file.plan.poses,
+            test_poses=test,
+            test_positions=predict(test, truth, model.setup.vector)[0],
+            nominal_positions=predict(test, np.zeros(len(truth)), model.setup.vector)[0],
+            info=problem.info,
+            where=feasible_set(problem.area, for_sample, SAMPLE),
+            accuracy=region_accuracy(problem.info, TaskRegion(test)),
+            view=_view(study.scene, file, model),
+            margin_px=study.scene.margin_px,
+            incidence=study.scene.incidence * file.units.factor("rad"),
+            arm=problem.arm,
+            start=problem.start,
+            speeds=problem.speeds,
+        ),
+        problem,
+    )
+
+
+def _view(scene: SceneConfig, file: ExperimentFile, model: Model) -> CameraView:
+    length, angle = file.units.factor("mm"), file.units.factor("rad")
+    i = scene.intrinsics
+    camera = Camera(scene.width, scene.height, i.fx, i.fy, i.cx, i.cy)
+    target = Target.triangle(scene.triangle.side * length, scene.disc_radius * length)
+    place = look_at(np.array(scene.position) * length, np.array(scene.look_at) * length)
+    return camera_view(model.measurement.chain, model.setup, camera, place, target, scene.mount.matrix(length, angle))
+
+
+def positions(setting: Setting, poses: Array, x: Array) -> Array:
+    """Positions of the robot with errors x, shape (N, 3), mm."""
+    return np.asarray(setting.predict(poses, x, setting.model.setup.vector)[0])
+
+
+def target_measurement(setting: Setting) -> tuple[measurements.Measurement, measurements.Setup]:
+    """Positions of all three target points instead of the last origin alone."""
+    view, setup = setting.view, setting.model.setup
+    measurement = measurements.position(setting.model.measurement.chain, view.target.names)
+    return measurement, measurements.Setup(setup.base, setup.tool, view.tool_points)

@@ -61,7 +61,7 @@ if TYPE_CHECKING:
         save_robot as save_robot,
     )
     from symcal.robot.urdf import load_urdf as load_urdf
-    from symcal.runs.experiment import run as run
+    from symcal.runs.run import run as run
 
 _HOME = {
     "compensate": "compensation.compensate",
@@ -75,7 +75,7 @@ _HOME = {
     "cross_validate": "calibration.compare",
     "evaluate": "calibration.evaluate",
     "statistics": "calibration.evaluate",
-    "run": "runs.experiment",
+    "run": "runs.run",
     "export_c": "export",
     "save_json": "export",
     "save_urdf": "export",

@@ -53,9 +53,9 @@ def observed(name: str) -> dict[str, Any]:
     """The numbers and the terminal's table of a config, run now."""
     from rich.console import Console
 
-    from symcal.runs import terminal
-    from symcal.runs.experiment import run
+    from symcal.cli import terminal
     from symcal.runs.plan import run_plan
+    from symcal.runs.run import run
 
     path = ROOT / "configs" / f"{name}.yaml"
     text = io.StringIO()

@@ -9,7 +9,7 @@ import yaml
 from symcal.config import conversion as config
 from symcal.errors import InputError
 from symcal.robot.robot import load_robot
-from symcal.runs.experiment import load
+from symcal.runs.load import load
 
 ROBOT = """\
 name: arm

@@ -18,7 +18,7 @@ from symcal.kinematics import chain, forward, frame_vector
 from symcal.model.model import Task
 from symcal.model.parameter_set import parameter_set
 from symcal.robot.robot import load_robot
-from symcal.runs.experiment import run
+from symcal.runs.run import run
 
 PLAIN = ("outputs.report=false", "outputs.figures=false")
 SMALL = (*PLAIN, "plan.poses=25", "data.test_poses=60")

@@ -24,7 +24,7 @@ from symcal.fit.whitened import FREEDOM
 from symcal.model.model import Model, Task, build_model
 from symcal.robot.robot import Robot
 from symcal.runs.data import measurements
-from symcal.runs.experiment import load
+from symcal.runs.load import load
 
 COUNT = 24
 

@@ -24,7 +24,7 @@ from symcal.plots.handover import handover_figures
 from symcal.report import save_figures
 from symcal.report.handover import handover_text
 from symcal.robot.robot import Record, Robot
-from symcal.runs.experiment import run
+from symcal.runs.run import run
 
 
 def calibrated(errors: Mapping[str, float]) -> Robot:

@@ -15,7 +15,7 @@ from symcal.camera.camera import Camera, project_points
 from symcal.data.measurement_file import load_measurements
 from symcal.errors import InputError
 from symcal.robot.robot import load_robot
-from symcal.runs import experiment
+from symcal.runs.run import run
 from symcal.runs.validate import validate_robot
 from symcal.vision.board_views import board_views
 
@@ -44,7 +44,7 @@ def folder_of(configs: Path, tmp_path: Path, poses: int = 40) -> Path:
 def rendered(configs, tmp_path_factory):
     folder = tmp_path_factory.mktemp("rendered")
     file = folder_of(configs, folder, poses=14)
-    out, results = experiment.run(file, folder / "run")
+    out, results = run(file, folder / "run")
     return out, results
 
 
@@ -92,7 +92,7 @@ def test_measured_image_points_are_identified_again_from_their_file(rendered, co
     content["outputs"] = {"figures": False, "report": False}
     del content["plan"]
     (tmp_path / "again.yaml").write_text(yaml.safe_dump(content))
-    _, results = experiment.run(tmp_path / "again.yaml", tmp_path / "run")
+    _, results = run(tmp_path / "again.yaml", tmp_path / "run")
     assert results["accuracy"]["train"]["after"]["position_mm"]["rms"] < 0.02
     assert results["identification"]["noise_sigma_px"] < 0.02
     assert results["measurement"]["estimate"] == ["camera", "intrinsics", "tool"]
@@ -115,7 +115,7 @@ def test_simulated_image_points(configs, tmp_path):
     content["measurement"] |= {"camera": "vision/camera_true.yaml", "estimate": ["tool", "camera"]}
     content["outputs"] = {"figures": False, "report": False}
     file.write_text(yaml.safe_dump(content))
-    _, results = experiment.run(file, tmp_path / "run")
+    _, results = run(file, tmp_path / "run")
     found = results["accuracy"]["test"]["after"]["position_mm"]["rms"]
     expected = results["expected_position_rms_mm"]["test"]
     assert 0.4 * expected < found < 2 * expected
@@ -142,7 +142,7 @@ def test_what_is_missing_is_named(configs, tmp_path, key, value, message):
         content[key[0]][key[1]] = value
     file.write_text(yaml.safe_dump(content))
     with pytest.raises(InputError, match=message):
-        experiment.run(file, tmp_path / "run")
+        run(file, tmp_path / "run")
     assert not (tmp_path / "run").exists()
 
 

@@ -10,7 +10,7 @@ import pytest
 from symcal.config.plan import PlanConfig
 from symcal.errors import InputError, RefusedError
 from symcal.planning.plan_problem import PlanProblem, nominal_noise, plan_problem
-from symcal.runs.experiment import load
+from symcal.runs.load import load
 
 BOX = {"name": "press", "xyz": [0, 700, 1100], "size": [300, 300, 300]}
 

@@ -16,7 +16,7 @@ from symcal.plots.plan import plan_figures
 from symcal.report import save_figures, write_report
 from symcal.report.plan import plan_text
 from symcal.report.plan_verdict import percent, plan_verdict
-from symcal.runs.experiment import load
+from symcal.runs.load import load
 from symcal.runs.plan import PlanOutcome, plan_experiment
 from symcal.words import number
 

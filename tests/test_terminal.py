@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from symcal.runs.terminal import print_accuracy
+from symcal.cli.terminal import print_accuracy
 
 FOUND = {
     "converged": True,

@@ -1,4 +1,4 @@
-"""The one orchestrator: an experiment file in, a run's folder out."""
+"""An identification: an experiment in, a run's folder out."""
 
 from __future__ import annotations
 
@@ -16,41 +16,27 @@ from symcal.calibration.identify import Calibration, baseline_model, calibrate
 from symcal.calibration.warnings import claim, extrapolation
 from symcal.compensation.handover import POSES, Handover, hand_over
 from symcal.config import conversion as config
-from symcal.config.conversion import ExperimentFile, FileData, RenderedData, SimulatedData
+from symcal.config.conversion import FileData, RenderedData, SimulatedData
 from symcal.data.dataset import Dataset
 from symcal.data.measurement_file import save_measurements
-from symcal.documents.document import Document, write_document
+from symcal.documents.document import write_document
 from symcal.errors import InputError, RefusedError
 from symcal.export.results import correction_facts, handover_facts
-from symcal.fit.estimation import Options
 from symcal.images.files import write_images
 from symcal.images.run import AGAINST, ImageRun, run_images
-from symcal.model.model import Model, build_model
 from symcal.planning.drive_plan import Planned, find_plan, plan_generator
 from symcal.planning.forecast_check import forecast_check
 from symcal.planning.plan_file import write_plan
 from symcal.planning.plan_problem import plan_problem
-from symcal.robot.robot import Robot, load_robot, save_robot
+from symcal.robot.robot import Robot, save_robot
 from symcal.runs.check import parallel_axes
 from symcal.runs.code import with_code
 from symcal.runs.data import measurements
-from symcal.runs.folder import require_replaceable, run_folder, write_json
+from symcal.runs.folder import run_folder, write_json
+from symcal.runs.load import Experiment
 from symcal.runs.tables import tables
 
 Progress = Callable[[str], None]
-
-
-@dataclass(frozen=True, slots=True)
-class Experiment:
-    """An experiment file with everything that it names, checked and in mm and rad."""
-
-    file: ExperimentFile
-    document: Document
-    robot_path: Path
-    robot: Robot
-    model: Model
-    options: Options
-    seed: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,48 +58,14 @@ class Outcome:
     images: ImageRun | None = None
 
 
-def load(path: Path, *, seed: int | None = None, overrides: Sequence[str] = ()) -> Experiment:
-    """Read an experiment with its robot and build its model.
-
-    Raises:
-        InputError: anything wrong in the files, with its line.
-    """
-    file, document = config.load_experiment(path, overrides)
-    robot_path = config.existing(document, file.robot, ("robot",), "robot file")
-    robot = load_robot(robot_path)
-    model = build_model(robot, config.task_of(file, document, robot))
-    options = config.options_of(file)
-    return Experiment(file, document, robot_path, robot, model, options, file.seed if seed is None else seed)
-
-
-def run(
-    path: Path,
-    out: Path | None = None,
-    *,
-    seed: int | None = None,
-    overrides: Sequence[str] = (),
-    data: Path | None = None,
-    study: bool = True,
-    progress: Progress = lambda _: None,
-) -> tuple[Path, Mapping[str, Any]]:
-    """Run an experiment and write its folder; `reports/<name>` below the current folder when ``out`` is None.
-
-    Args:
-        study: the whole study of an experiment that has one; False for a single identification.
-    Returns:
-        the folder, and the content of its results.json.
-    """
-    experiment = load(path, seed=seed, overrides=overrides)
-    target = out or Path("reports") / experiment.file.name
-    require_replaceable(target)
-    if experiment.file.study is not None and study:
-        from symcal.runs.study import write_study
-
-        return target, write_study(experiment, target, progress)
+def write_identification(
+    experiment: Experiment, target: Path, *, data: Path | None = None, progress: Progress = lambda _: None
+) -> Mapping[str, Any]:
+    """Measure (or read), identify, evaluate, and write the run's folder; the content of its results.json."""
     outcome = identify_experiment(experiment, data=data, progress=progress)
     with run_folder(target) as folder:
         outcome = write(outcome, folder, progress)
-    return target, outcome.content
+    return outcome.content
 
 
 def identify_experiment(experiment: Experiment, *, data: Path | None = None, progress: Progress) -> Outcome:

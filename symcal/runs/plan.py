@@ -25,8 +25,8 @@ from symcal.planning.results import (
     promise_facts,
     region_words,
 )
-from symcal.runs.experiment import Experiment, load
 from symcal.runs.folder import run_folder, write_json
+from symcal.runs.load import Experiment, load
 
 Progress = Callable[[str], None]
 

@@ -23,8 +23,8 @@ from symcal.paper.tables import study_tables
 from symcal.planning.plan_file import write_plan, write_waypoints
 from symcal.robot.robot import Robot, save_robot
 from symcal.runs.code import with_code
-from symcal.runs.experiment import Experiment
 from symcal.runs.folder import run_folder, write_json
+from symcal.runs.load import Experiment
 
 Progress = Callable[[str], None]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
-from symcal.runs.experiment import Experiment, load
+from symcal.runs.load import Experiment, load
 from symcal.runs.study import StudyOutcome, study_experiment
 
 CONFIG = Path(__file__).resolve().parents[2] / "configs" / "handling_robot.yaml"

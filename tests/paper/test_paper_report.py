@@ -26,7 +26,7 @@ from symcal.paper.report.verdict import study_verdict
 from symcal.paper.results import Study
 from symcal.paper.surroundings import mean_norm
 from symcal.report import Picture, save_figures
-from symcal.runs import experiment
+from symcal.runs.load import load
 from symcal.runs.study import StudyOutcome, study_experiment
 from symcal.words import number
 
@@ -45,7 +45,7 @@ FIGURES = {3: "vision", 5: "trajectory", 6: "joint_motion", 7: "convergence", 8:
 
 @pytest.fixture(scope="module")
 def outcome(configs: Path) -> StudyOutcome:
-    return study_experiment(experiment.load(configs / "handling_robot.yaml", overrides=SMALL))
+    return study_experiment(load(configs / "handling_robot.yaml", overrides=SMALL))
 
 
 @pytest.fixture(scope="module")

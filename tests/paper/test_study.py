@@ -13,7 +13,8 @@ from symcal.errors import InputError, RefusedError
 from symcal.paper import published
 from symcal.paper.simulation_1 import recover
 from symcal.robot.robot import load_robot
-from symcal.runs.experiment import load, run
+from symcal.runs.load import load
+from symcal.runs.run import run
 from symcal.runs.study import study_experiment, write
 
 HALF = np.pi / 2

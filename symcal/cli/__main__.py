@@ -1,0 +1,5 @@
+"""`python -m symcal.cli`."""
+
+from symcal.cli import main
+
+main()

@@ -1,0 +1,114 @@
+"""Commands between symcal and other programs: compensate, export, import, schema."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from symcal.cli import terminal
+from symcal.cli.app import Calibrated, Quiet, Seed
+
+
+def compensate(
+    calibrated: Calibrated,
+    targets: Annotated[Path, typer.Option("--targets", metavar="CSV", help="joint commands, or positions or poses")],
+    out: Annotated[Path, typer.Option("--out", metavar="CSV", help="corrected joint commands")] = Path("joints.csv"),
+    frame: Annotated[str, typer.Option("--frame", help="frame of positions and poses: base or world")] = "base",
+    seed: Seed = None,
+    quiet: Quiet = False,
+) -> None:
+    """Correct joint commands so that the calibrated robot gets where it was sent."""
+    import numpy as np
+
+    from symcal.compensation.compensate import compensate as solve
+    from symcal.compensation.compensate import write_joints
+    from symcal.compensation.targets import read_targets
+    from symcal.errors import InputError
+    from symcal.robot.robot import load_robot
+    from symcal.runs.folder import require_place
+
+    require_place(out)
+
+    if frame not in ("base", "world"):
+        raise InputError("no such frame", key="--frame", found=frame, allowed=("base", "world"))
+    robot = load_robot(calibrated)
+    if robot.record is None:
+        message = "this robot has no 'calibration', so there is nothing to correct: give the calibrated.yaml of a run"
+        raise InputError(message, file=calibrated)
+    with terminal.spinner(quiet) as progress:
+        progress("compensating")
+        result = solve(
+            robot,
+            read_targets(targets, robot, "base" if frame == "base" else "world"),
+            np.random.default_rng(seed or 0),
+        )
+    write_joints(result, out)
+    if not quiet:
+        terminal.print_compensation(result)
+        terminal.output().print(f"written to {escape(str(out))}")
+
+
+def export(
+    calibrated: Calibrated,
+    to: Annotated[str, typer.Option("--to", metavar="c|urdf|json", help="what to write")],
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="folder to write into")] = Path(),
+    force: Annotated[bool, typer.Option("--force", help="export in spite of doubts, which are still printed")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Hand a calibrated robot over: C code for the controller, URDF, or JSON with the table of corrections."""
+    from symcal.export import FORMATS, export_robot
+    from symcal.robot.robot import load_robot
+
+    if to not in FORMATS:
+        from symcal.errors import InputError
+
+        raise InputError("no such format", key="--to", found=to, allowed=FORMATS)
+    robot = load_robot(calibrated)
+    written, doubts = export_robot(robot, to, out, force=force)
+    notes = [f"doubt overridden: {doubt.text}" for doubt in doubts]
+    if robot.record is None:
+        notes.append("this robot has no 'calibration': what is written is nominal")
+    for note in notes:
+        Console(stderr=True, soft_wrap=True).print(note, markup=False, highlight=False)
+    if not quiet:
+        for path in written:
+            terminal.output().print(f"written to {escape(str(path))}")
+
+
+def import_(
+    urdf: Annotated[Path, typer.Argument(metavar="ROBOT.urdf", help="URDF file")],
+    base: Annotated[str, typer.Option("--base", metavar="LINK", help="base link")],
+    tip: Annotated[str, typer.Option("--tip", metavar="LINK", help="tip link")],
+    out: Annotated[Path, typer.Option("--out", metavar="YAML", help="robot file")] = Path("robot.yaml"),
+) -> None:
+    """Read a URDF chain as a robot file."""
+    from symcal.robot.robot import save_robot
+    from symcal.robot.urdf import load_urdf
+    from symcal.runs.folder import require_place
+
+    require_place(out)
+
+    robot = load_urdf(urdf, base, tip)
+    save_robot(robot, out)
+    terminal.print_robot(robot)
+    terminal.output().print(f"written to {escape(str(out))}")
+
+
+def schema(
+    kind: Annotated[str, typer.Argument(help="experiment or robot")] = "experiment",
+) -> None:
+    """Print the JSON Schema of a file, for editors that complete it."""
+    import json
+
+    from symcal.config.conversion import ExperimentFile
+    from symcal.errors import InputError
+    from symcal.robot.schema import RobotFile
+
+    models: dict[str, Any] = {"experiment": ExperimentFile, "robot": RobotFile}
+    if kind not in models:
+        raise InputError("no such schema", found=kind, allowed=models)
+    typer.echo(json.dumps(models[kind].model_json_schema(), indent=2))

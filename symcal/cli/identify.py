@@ -1,0 +1,98 @@
+"""Commands from measurements to a calibrated robot, and what a file would allow: run, identify, validate, check."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from symcal.cli import terminal
+from symcal.cli.app import Experiment, Out, Quiet, Seed, Set
+from symcal.errors import RefusedError
+
+
+def run(experiment: Experiment, out: Out = None, seed: Seed = None, set_: Set = None, quiet: Quiet = False) -> None:
+    """Run an experiment: measure or simulate, identify, evaluate, report."""
+    _identify(experiment, None, out, seed, set_, quiet)
+
+
+def identify(
+    experiment: Experiment,
+    data: Annotated[
+        Path | None, typer.Option("--data", metavar="CSV", help="measurements instead of the file's")
+    ] = None,
+    out: Out = None,
+    seed: Seed = None,
+    set_: Set = None,
+    quiet: Quiet = False,
+) -> None:
+    """Identify a robot from measurements."""
+    _identify(experiment, data, out, seed, set_, quiet, study=False)
+
+
+def validate(
+    calibrated: Annotated[Path, typer.Argument(metavar="CALIBRATED.yaml", help="calibrated robot")],
+    data: Annotated[Path, typer.Option("--data", metavar="CSV", help="new measurements of the same kind")],
+    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="the run's folder")] = None,
+    refit: Annotated[
+        str | None,
+        typer.Option("--refit", help="frames to fit to the new data, such as base,tool (the instrument was moved)"),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Judge a calibrated robot on new measurements."""
+    from symcal.runs.validate import validate_robot
+
+    with terminal.spinner(quiet) as progress:
+        content = validate_robot(calibrated, data, out, tuple(refit.split(",")) if refit else (), progress)
+    if not quiet:
+        terminal.print_accuracy(content)
+
+
+def check(
+    file: Annotated[Path, typer.Argument(metavar="FILE.yaml", help="robot, calibrated robot or experiment")],
+) -> None:
+    """Validate a file; print the model and what is identifiable."""
+    from symcal.documents.document import read_document
+    from symcal.robot.robot import load_robot
+    from symcal.runs.check import check_model, check_robot
+    from symcal.runs.experiment import describe_data
+    from symcal.runs.load import load
+
+    if "links" in read_document(file).data:
+        robot = load_robot(file)
+        found, data = check_robot(robot), tuple[str, ...]()
+    else:
+        loaded = load(file)
+        robot, found, data = loaded.robot, check_model(loaded.model), describe_data(loaded)
+    terminal.print_robot(robot)
+    terminal.print_check(found, data)
+
+
+def _identify(
+    experiment: Path,
+    data: Path | None,
+    out: Path | None,
+    seed: int | None,
+    overrides: list[str] | None,
+    quiet: bool,
+    *,
+    study: bool = True,
+) -> None:
+    from symcal.runs.run import run as run_experiment
+
+    with terminal.spinner(quiet) as progress:
+        folder, content = run_experiment(
+            experiment, out, seed=seed, overrides=overrides or (), data=data, study=study, progress=progress
+        )
+    if not quiet:
+        if "simulation_2" in content:
+            terminal.print_study(content)
+        else:
+            terminal.print_accuracy(content)
+        terminal.output().print(f"written to {escape(str(folder))}")
+    found = content.get("identification", {})
+    if not found.get("converged", True):
+        raise RefusedError(f"the identification did not converge ({found['message']}): do not use what is in {folder}")

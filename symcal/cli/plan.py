@@ -1,0 +1,31 @@
+"""The command that chooses poses: plan."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from symcal.cli import terminal
+from symcal.cli.app import Experiment, Quiet, Seed, Set
+
+
+def plan(
+    experiment: Experiment,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="the plan's folder [reports/<name>-plan]")
+    ] = None,
+    seed: Seed = None,
+    set_: Set = None,
+    quiet: Quiet = False,
+) -> None:
+    """Choose the poses to measure: which, how many, in what order, and how good the plan provably is."""
+    from symcal.runs.plan import run_plan
+
+    with terminal.spinner(quiet) as progress:
+        folder, content = run_plan(experiment, out, seed=seed, overrides=set_ or (), progress=progress)
+    if not quiet:
+        terminal.print_plan(content)
+        terminal.output().print(f"written to {escape(str(folder))}")

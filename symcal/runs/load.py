@@ -1,0 +1,41 @@
+"""An experiment file with everything that it names, read and built."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from symcal.config import conversion as config
+from symcal.config.conversion import ExperimentFile
+from symcal.documents.document import Document
+from symcal.fit.estimation import Options
+from symcal.model.model import Model, build_model
+from symcal.robot.robot import Robot, load_robot
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """An experiment file with everything that it names, checked and in mm and rad."""
+
+    file: ExperimentFile
+    document: Document
+    robot_path: Path
+    robot: Robot
+    model: Model
+    options: Options
+    seed: int
+
+
+def load(path: Path, *, seed: int | None = None, overrides: Sequence[str] = ()) -> Experiment:
+    """Read an experiment with its robot and build its model.
+
+    Raises:
+        InputError: anything wrong in the files, with its line.
+    """
+    file, document = config.load_experiment(path, overrides)
+    robot_path = config.existing(document, file.robot, ("robot",), "robot file")
+    robot = load_robot(robot_path)
+    model = build_model(robot, config.task_of(file, document, robot))
+    options = config.options_of(file)
+    return Experiment(file, document, robot_path, robot, model, options, file.seed if seed is None else seed)

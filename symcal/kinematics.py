@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal import spatial
-from symcal.parameters import FRAME_AXES, ParameterSet
+from symcal.parameters import ParameterSet, frame_names, link_name
 from symcal.robot.robot import ELEMENTS, Convention, Link, Robot, is_angle
 
 SX = ca.SX
@@ -110,15 +110,16 @@ class _Walk:
 
     def increment(self, frame: str, x: dict[str, SX]) -> None:
         """The increments of a frame, on the right of its nominal value: translation, then a rotation vector."""
-        for axis, label in enumerate("xyz"):
-            if f"{frame}_{label}" in x:
+        names = frame_names(frame)
+        for axis, name in enumerate(names[:3]):
+            if name in x:
                 # all three move along the axes of the nominal frame, so their order does not matter
-                self.translate(axis, x[f"{frame}_{label}"], (f"{frame}_{label}",))
-        if any(f"{frame}_{label}" in x for label in FRAME_AXES[3:]):
-            r = ca.vertcat(*(x.get(f"{frame}_{label}", 0) for label in FRAME_AXES[3:]))
+                self.translate(axis, x[name], (name,))
+        if any(name in x for name in names[3:]):
+            r = ca.vertcat(*(x.get(name, 0) for name in names[3:]))
             omegas = self.rotation @ spatial.left_jacobian(r)
-            for k, label in enumerate(FRAME_AXES[3:]):
-                self.screws[f"{frame}_{label}"] = Screw(omegas[:, k], SX(3, 1), self.origin)
+            for k, name in enumerate(names[3:]):
+                self.screws[name] = Screw(omegas[:, k], SX(3, 1), self.origin)
             self._turn(spatial.exp_rotation(r))
 
     def _turn(self, rotation: SX) -> None:
@@ -174,8 +175,9 @@ def _walk_link(walk: _Walk, convention: Convention, i: int, link: Link, q: SX, e
         value = SX(link.parameters.get(kind, 0.0))
         names: tuple[str, ...] = ()
         rates: tuple[float, ...] = ()
-        if f"{kind}_{i}" in error:
-            value, names, rates = value + error[f"{kind}_{i}"], (f"{kind}_{i}",), (1.0,)
+        own = link_name(kind, i)
+        if own in error:
+            value, names, rates = value + error[own], (own,), (1.0,)
         if kind == moved:
             value, names, rates = value + rate * q + joint.offset, (*names, f"q_{i}"), (*rates, rate)
         (walk.rotate if is_angle(kind) else walk.translate)(axis, value, names, rates)

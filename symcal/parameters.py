@@ -25,6 +25,26 @@ SCALE: dict[str, float] = {"mm": 1.0, "rad": 0.010}
 FRAME_AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
+def link_name(kind: str, link: int) -> str:
+    """Name of a link parameter, such as `theta_1`; links count from one."""
+    return f"{kind}_{link}"
+
+
+def zero_name(revolute: bool, joint: int) -> str:
+    """Name of a joint's zero offset."""
+    return link_name("theta" if revolute else "d", joint)
+
+
+def frame_names(frame: str) -> tuple[str, ...]:
+    """Names of the six increments of a frame, such as `base_x` to `base_rz`."""
+    return tuple(f"{frame}_{axis}" for axis in FRAME_AXES)
+
+
+def point_names(point: str) -> tuple[str, ...]:
+    """Names of the coordinates of a tool point, such as `tool_P1_x` to `tool_P1_z`."""
+    return tuple(f"tool_{point}_{axis}" for axis in "xyz")
+
+
 @dataclass(frozen=True, slots=True)
 class Parameter:
     """One number of the model that may be identified.

@@ -28,6 +28,7 @@ from symcal.errors import InputError, RefusedError
 from symcal.kernels.batch import BatchFunction, batch_function
 from symcal.kinematics import chain, function, omegas, stack
 from symcal.model.parameter_set import parameter_set
+from symcal.parameters import zero_name
 from symcal.robot.robot import Robot
 
 SX = ca.SX
@@ -116,7 +117,7 @@ def joint_caps(robot: Robot, caps: tuple[float, float] = CAPS) -> Array:
     largest = [caps[0], caps[1]]
     for i, joint in enumerate(robot.joints, start=1):
         kind = 0 if joint.revolute else 1
-        offset = abs(errors.get(f"{'d' if kind else 'theta'}_{i}", 0.0))
+        offset = abs(errors.get(zero_name(not kind, i), 0.0))
         largest[kind] = max(largest[kind], min(OFFSETS * offset, WIDEST * caps[kind]))
     return np.array([(largest[0] if j.revolute else largest[1]) / abs(j.ratio) for j in robot.joints])
 

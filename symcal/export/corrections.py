@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from symcal.export.urdf import roll_pitch_yaw
-from symcal.parameters import FRAME_AXES
+from symcal.parameters import frame_names, link_name
 from symcal.robot.robot import Joint, Robot, is_angle
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ def corrections(robot: Robot) -> pd.DataFrame:
         errors, sigmas = robot.record.errors, robot.record.sigmas
         for i, link in enumerate(robot.links, start=1):
             for kind in QUANTITY:
-                name = f"{kind}_{i}"
+                name = link_name(kind, i)
                 if kind in link.parameters and name in errors:
                     rows.append(_row(link.joint, kind, name, link.parameters[kind], errors[name], sigmas.get(name)))
         rows += _tool_rows(robot)
@@ -73,11 +73,11 @@ def _tool_rows(robot: Robot) -> list[dict[str, Any]]:
     """The tool frame in the flange's; the sigma of its position is turned from the axes of the nominal tool into the
     flange's."""
     record = robot.record
-    if record is None or not any(f"tool_{axis}" in record.errors for axis in FRAME_AXES):
+    if record is None or not any(name in record.errors for name in frame_names("tool")):
         return []
     names = list(record.errors)
     sigma = [math.nan] * 6
-    axes = [f"tool_{axis}" for axis in "xyz"]
+    axes = frame_names("tool")[:3]
     if all(record.sigmas.get(axis) is not None for axis in axes):
         place = [names.index(axis) for axis in axes]
         turn = record.nominal_tool[:3, :3]

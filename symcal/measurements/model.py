@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from symcal import spatial
 from symcal.kinematics import Chain, frame_vector
-from symcal.parameters import FRAME_AXES, ParameterSet
+from symcal.parameters import ParameterSet, frame_names
+from symcal.parameters import point_names as coordinate_names
 
 SX = ca.SX
 Array = NDArray[np.float64]
@@ -45,7 +46,7 @@ class Setup:
         Intrinsics stay: their errors are from the calibration that gave their prior.
         """
         points = self.points + np.array(
-            [[errors.get(f"tool_{name}_{axis}", 0.0) for axis in "xyz"] for name in point_names]
+            [[errors.get(c, 0.0) for c in coordinate_names(name)] for name in point_names]
         ).reshape(self.points.shape)
         return replace(
             self,
@@ -57,7 +58,7 @@ class Setup:
 
 
 def _moved(frame: Array, name: str, errors: dict[str, float]) -> Array:
-    increment = np.array([errors.get(f"{name}_{axis}", 0.0) for axis in FRAME_AXES])
+    increment = np.array([errors.get(axis, 0.0) for axis in frame_names(name)])
     rotation = Rotation.from_rotvec(increment[3:]).as_matrix()
     return np.asarray(frame @ spatial.transform(rotation, increment[:3]))
 

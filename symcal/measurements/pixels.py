@@ -21,7 +21,7 @@ from symcal.camera.camera import INTRINSIC_NAMES, distort, distortion_slopes
 from symcal.kinematics import Chain, function
 from symcal.measurements.model import Group, Measurement
 from symcal.measurements.position import world_points
-from symcal.parameters import FRAME_AXES
+from symcal.parameters import frame_names
 
 SX = ca.SX
 
@@ -43,9 +43,9 @@ def pixels(chain: Chain, point_names: tuple[str, ...]) -> Measurement:
         by_point, image, by_intrinsics = _project(seen, numbers)
         jacobian = by_point @ (turn.T @ motion)
         by_camera = ca.horzcat(-by_point @ (turn.T @ shift), by_point @ spatial.skew(seen) @ turn_slope)
-        for i, axis in enumerate(FRAME_AXES):
-            if f"camera_{axis}" in place:
-                jacobian[:, place[f"camera_{axis}"]] = by_camera[:, i]
+        for i, name in enumerate(frame_names("camera")):
+            if name in place:
+                jacobian[:, place[name]] = by_camera[:, i]
         for i, name in enumerate(INTRINSIC_NAMES):
             if name in place:
                 jacobian[:, place[name]] = by_intrinsics[:, i]
@@ -74,7 +74,8 @@ def _camera_frame(nominal: SX, x: dict[str, SX]) -> tuple[SX, SX, SX, SX]:
     """R_c, p_c, and how they move with the increments: dp_c = R_0 dt, and J_r(r) of the body rates J_r(r) dr."""
     upper = ca.reshape(nominal, 3, 4)
     rotation, origin = upper[:, :3], upper[:, 3]
-    t, r = (ca.vertcat(*(x.get(f"camera_{axis}", 0) for axis in axes)) for axes in (FRAME_AXES[:3], FRAME_AXES[3:]))
+    names = frame_names("camera")
+    t, r = (ca.vertcat(*(x.get(name, 0) for name in half)) for half in (names[:3], names[3:]))
     return rotation @ spatial.exp_rotation(r), origin + rotation @ t, rotation, spatial.left_jacobian(-r)
 
 

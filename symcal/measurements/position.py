@@ -12,6 +12,7 @@ import casadi as ca
 from symcal import kinematics
 from symcal.kinematics import Chain
 from symcal.measurements.model import Group, Measurement, setup_symbol
+from symcal.parameters import point_names
 
 SX = ca.SX
 
@@ -22,7 +23,7 @@ def world_points(chain: Chain, nominal: list[SX], names: tuple[str, ...]) -> tup
     place = {name: i for i, name in enumerate(chain.parameters.names)}
     points, jacobians = [], []
     for name, point in zip(names, nominal, strict=True):
-        own = [place.get(f"tool_{name}_{axis}") for axis in "xyz"]
+        own = [place.get(c) for c in point_names(name)]
         offset = ca.vertcat(*(0 if i is None else chain.x[i] for i in own))
         world = origin + rotation @ (point + offset)
         jacobian = kinematics.stack(chain.parameter_screws, world)

@@ -17,7 +17,7 @@ from symcal.kernels import BatchFunction, batch_function
 from symcal.kinematics import chain, forward
 from symcal.measurements import Measurement, Setup
 from symcal.model.parameter_set import parameter_set
-from symcal.parameters import ParameterSet
+from symcal.parameters import ParameterSet, zero_name
 from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -150,7 +150,7 @@ class Model:
     @property
     def offsets(self) -> tuple[str, ...]:
         """Zero offsets of the joints."""
-        wanted = {f"{'theta' if j.revolute else 'd'}_{i}" for i, j in enumerate(self.robot.joints, start=1)}
+        wanted = {zero_name(j.revolute, i) for i, j in enumerate(self.robot.joints, start=1)}
         return tuple(name for name in self.kinematic if name in wanted)
 
     @property

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from symcal.camera.camera import INTRINSIC_NAMES, Camera
-from symcal.parameters import FRAME_AXES, SCALE, JointPrior, Parameter, ParameterSet, Unit
+from symcal.parameters import SCALE, JointPrior, Parameter, ParameterSet, Unit, frame_names, point_names
 from symcal.robot.robot import Robot, is_angle
 
 _FOCAL = 0.01  # plausible error of focal length and principal point, as a share of focal length and image width
@@ -43,7 +43,7 @@ def parameter_set(
         entries += _frame("base", 6)
     if tool:
         entries += _frame("tool", 6 if tool == "frame" else 3)
-    entries += [(f"tool_{point}_{axis}", "mm", 0.0) for point in points for axis in "xyz"]
+    entries += [(name, "mm", 0.0) for point in points for name in point_names(point)]
     if camera:
         entries += _frame("camera", 6)
     links = robot.parameters
@@ -74,4 +74,4 @@ def _intrinsics(camera: Camera) -> tuple[list[Parameter], tuple[JointPrior, ...]
 
 
 def _frame(name: str, count: int) -> list[tuple[str, Unit, float]]:
-    return [(f"{name}_{axis}", "rad" if axis.startswith("r") else "mm", 0.0) for axis in FRAME_AXES[:count]]
+    return [(name, "mm" if i < 3 else "rad", 0.0) for i, name in enumerate(frame_names(name)[:count])]

@@ -14,7 +14,7 @@ from symcal.fit.noise import SIGMA_FLOOR
 from symcal.fit.residual_rows import rows_of
 from symcal.measurements import Setup
 from symcal.model.model import Model
-from symcal.parameters import FRAME_AXES
+from symcal.parameters import frame_names, point_names
 from symcal.placing.registration import LEVER, Registration, hand_eye, register, virtual_points
 from symcal.placing.scene_placement import place_scene
 from symcal.spatial import inverse, pose_matrix
@@ -53,9 +53,9 @@ def stated(model: Model, setup: Setup) -> Array:
     for name, frame, nominal in frames:
         step = inverse(frame) @ nominal
         turn = Rotation.from_matrix(step[:3, :3]).as_rotvec()
-        errors |= dict(zip((f"{name}_{axis}" for axis in FRAME_AXES), (*step[:3, 3], *turn), strict=True))
+        errors |= dict(zip(frame_names(name), (*step[:3, 3], *turn), strict=True))
     for name, shift in zip(model.measurement.point_names, model.setup.points - setup.points, strict=True):
-        errors |= {f"tool_{name}_{axis}": value for axis, value in zip("xyz", shift, strict=True)}
+        errors |= dict(zip(point_names(name), shift, strict=True))
     return np.array([float(errors.get(name, 0.0)) for name in model.parameters.names])
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from symcal.compensation.targets import joint_columns
 from symcal.config.plan import AreaRegion, BoxRegion, FileRegion
+from symcal.parameters import point_names
 from symcal.planning.accuracy_forecast.forecast import Forecast, PosesNeeded
 from symcal.planning.accuracy_forecast.random_band import RandomBand
 from symcal.planning.constraints import complaints
@@ -214,7 +215,7 @@ def plan_notes(problem: PlanProblem, planned: Planned) -> list[str]:
     unknown = [
         name
         for name, point in zip(measurement.point_names, points, strict=False)
-        if f"tool_{name}_x" in measurement.parameters.names and not point.any()
+        if point_names(name)[0] in measurement.parameters.names and not point.any()
     ]
     if unknown:
         notes.append(

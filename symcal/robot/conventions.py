@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from symcal import spatial
 from symcal.errors import RefusedError
+from symcal.parameters import link_name
 from symcal.robot.robot import ELEMENTS, Convention, Joint, Link, Robot, is_angle
 
 Array = NDArray[np.float64]
@@ -177,13 +178,13 @@ def convert(robot: Robot, convention: Convention) -> Robot:
                 frame[kind] = value
             else:
                 rows[i + place[kind] - 1][kind] = value
-                renamed[f"{kind}_{i}"] = f"{kind}_{i + place[kind]}"
+                renamed[link_name(kind, i)] = link_name(kind, i + place[kind])
     links = tuple(replace(link, parameters=row) for link, row in zip(robot.links, rows, strict=True))
     moved = _proximal(frame)
     base, tool = (robot.base, moved @ robot.tool) if convention == "craig" else (robot.base @ moved, robot.tool)
     record = robot.record
     if record is not None:
-        gone = [f"{kind}_{lost}" for kind in frame if f"{kind}_{lost}" in record.errors]
+        gone = [name for kind in frame if (name := link_name(kind, lost)) in record.errors]
         if convention == "standard" and frame:  # increments stand behind the base frame, where the row now is
             gone += [name for name in record.errors if name.startswith("base_")]
         if gone:

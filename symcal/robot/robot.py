@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from symcal import spatial
 from symcal.documents.document import write_document
 from symcal.errors import InputError
+from symcal.parameters import link_name
 from symcal.robot.schema import LINK_PARAMETERS, SCHEMA, CalibrationEntry, LinkEntry, read_robot_file
 from symcal.robot.schema import Convention as Convention
 from symcal.robot.schema import Frame as Frame
@@ -134,7 +135,7 @@ class Robot:
     def parameters(self) -> dict[str, float]:
         """Link parameters by name (`theta_1`, ...), by kind and then by link: the order of the parameter vector."""
         return {
-            f"{kind}_{i}": link.parameters[kind]
+            link_name(kind, i): link.parameters[kind]
             for kind in LINK_PARAMETERS
             for i, link in enumerate(self.links, start=1)
             if kind in link.parameters
@@ -158,7 +159,7 @@ class Robot:
             if name not in known:
                 raise KeyError(name)
         links = tuple(
-            replace(link, parameters={k: v + errors.get(f"{k}_{i}", 0.0) for k, v in link.parameters.items()})
+            replace(link, parameters={k: v + errors.get(link_name(k, i), 0.0) for k, v in link.parameters.items()})
             for i, link in enumerate(self.links, start=1)
         )
         return replace(self, links=links)

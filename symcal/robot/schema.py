@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from symcal import spatial
 from symcal.documents.document import Document, Key, Strict, read_document, validate
+from symcal.parameters import link_name
 from symcal.units import ANGLE, AngleUnit, LengthUnit
 
 Array = NDArray[np.float64]
@@ -136,7 +137,9 @@ class RobotFile(Strict):
     @property
     def parameter_names(self) -> list[str]:
         entries = list(enumerate(self.links, start=1))
-        return [f"{kind}_{i}" for kind in LINK_PARAMETERS for i, link in entries if getattr(link, kind) is not None]
+        return [
+            link_name(kind, i) for kind in LINK_PARAMETERS for i, link in entries if getattr(link, kind) is not None
+        ]
 
 
 def read_robot_file(path: Path | str) -> RobotFile:

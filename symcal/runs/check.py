@@ -12,6 +12,7 @@ from symcal.kernels import batch_function
 from symcal.kinematics import chain, forward, frame_vector
 from symcal.model.model import Model, Task, build_model
 from symcal.model.parameter_set import parameter_set
+from symcal.parameters import point_names
 from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -82,7 +83,7 @@ def potential(model: Model) -> Identifiability:
 def _somewhere(model: Model, rng: np.random.Generator) -> Array:
     """Zero errors, shape (n,), but for tool points without coordinates: all at the flange they would see too little."""
     blank = zip(model.measurement.point_names, model.setup.points, strict=False)
-    unplaced = [f"tool_{name}_{c}" for name, point in blank if not point.any() for c in "xyz"]
+    unplaced = [c for name, point in blank if not point.any() for c in point_names(name)]
     if model.task.tool != "points":
         unplaced = []
     return model.parameters.vector({name: float(rng.uniform(50, 150)) for name in unplaced})

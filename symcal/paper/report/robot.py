@@ -7,6 +7,7 @@ from typing import Any
 
 from symcal.paper import published
 from symcal.paper.report.blocks import Block, Row, figures, heading, paragraph, row, table
+from symcal.parameters import link_name
 from symcal.words import fixed, listed, number, plural, symbol
 
 Content = Mapping[str, Any]
@@ -67,10 +68,12 @@ def _table_1(content: Content) -> tuple[list[Row], list[str]]:
         for kind in _KINDS:
             theirs, ours = printed.get(kind), link["parameters"].get(kind)
             variable = kind == ("theta" if link["kind"] == "revolute" else "d")
-            text = _ABSENT if ours is None else symbol(f"{kind}_{i}") if variable and ours == 0 else number(ours, 4)
+            text = (
+                _ABSENT if ours is None else symbol(link_name(kind, i)) if variable and ours == 0 else number(ours, 4)
+            )
             same = ours is None if theirs is None else ours == (0.0 if isinstance(theirs, str) else theirs)
             if not same:
-                differing.append(symbol(f"{kind}_{i}"))
+                differing.append(symbol(link_name(kind, i)))
                 text += (
                     f" (paper: {_ABSENT if theirs is None else theirs if isinstance(theirs, str) else number(theirs)})"
                 )
@@ -95,7 +98,7 @@ def _table_2(content: Content) -> list[Row]:
             _range(entry["limits"]),
             _range(entry["area"]),
         ]
-        rows.append(row(entry["joint"], f"{symbol(f'{kind}_{i}')} / {unit}", *cells))
+        rows.append(row(entry["joint"], f"{symbol(link_name(kind, i))} / {unit}", *cells))
     return rows
 
 

@@ -165,6 +165,17 @@ def chain(robot: Robot, parameters: ParameterSet) -> Chain:
     )
 
 
+def placed(nominal: SX, frame: str, x: dict[str, SX]) -> tuple[SX, SX, dict[str, Screw]]:
+    """A frame in world that is no part of the robot: its rotation, its origin, and the screws of its increments.
+
+    Args:
+        nominal: its upper three rows by columns, shape (12,). x: errors by parameter name; those of ``frame`` count.
+    """
+    walk = _Walk(*_frame(nominal))
+    walk.increment(frame, x)
+    return walk.rotation, walk.origin, walk.screws
+
+
 def _walk_link(walk: _Walk, convention: Convention, i: int, link: Link, q: SX, error: dict[str, SX]) -> None:
     joint = link.joint
     moved = "theta" if joint.revolute else "d"

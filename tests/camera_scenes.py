@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from symcal import spatial
 from symcal.camera.camera import Camera, in_image, project_points
 from symcal.camera.target import Target
-from symcal.measurements import Setup
+from symcal.instruments import Setup
 from symcal.model.model import Model, Scene, build_model, pixels_task
 from symcal.placing.scene_placement import flange_poses
 from symcal.robot.robot import Robot, load_robot

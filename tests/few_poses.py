@@ -23,7 +23,7 @@ from symcal.calibration.identify import Calibration, calibrate
 from symcal.calibration.simulate import Noise, simulate
 from symcal.data.dataset import Dataset
 from symcal.fit.estimation import Options
-from symcal.measurements import Setup
+from symcal.instruments import Setup
 from symcal.model.model import Model, Task, build_model
 from symcal.robot.robot import Robot
 

@@ -18,6 +18,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = Path(__file__).with_name("goldens")
@@ -59,13 +60,13 @@ def observed(name: str) -> dict[str, Any]:
 
     path = ROOT / "configs" / f"{name}.yaml"
     text = io.StringIO()
-    terminal.output = lambda: Console(file=text, width=160, soft_wrap=True)  # type: ignore[assignment]
     with tempfile.TemporaryDirectory() as folder:
         if name in PLANS:
             _, content = run_plan(path, Path(folder) / "out", overrides=PLAIN[:2])
             return {"plan": {figure: content["plan"][figure] for figure in _FORECAST}}
         _, content = run(path, Path(folder) / "out", overrides=PLAIN)
-    (terminal.print_study if "simulation_2" in content else terminal.print_accuracy)(content)
+    with mock.patch.object(terminal, "output", lambda: Console(file=text, width=160, soft_wrap=True)):
+        (terminal.print_study if "simulation_2" in content else terminal.print_accuracy)(content)
     numbers = {part: content[part] for part in _NUMBERS if part in content}
     numbers.get("identifiability", {}).pop("unseen", None)  # a choice of words, and of a basis
     return json.loads(json.dumps({"table": text.getvalue().splitlines(), **numbers}))

@@ -22,7 +22,7 @@ from symcal.calibration.evaluate import without_rigid_motion
 from symcal.calibration.simulate import Noise, simulate
 from symcal.fit.estimation import Options, fit
 from symcal.fit.residual_rows import rows_of
-from symcal.measurements import Setup
+from symcal.instruments import Setup
 from symcal.model.model import Model
 from symcal.placing.registration import rigid_fit
 

@@ -13,9 +13,8 @@ from hypothesis import given
 from scipy.spatial.transform import Rotation
 from strategies import random_frame, random_robot, readings, seeds
 
-from symcal import measurements
+from symcal.instruments import Measurement, Setup, kind_named, observe
 from symcal.kinematics import chain
-from symcal.measurements import Measurement, Setup
 from symcal.model.parameter_set import parameter_set
 from symcal.robot.robot import Robot
 from symcal.spatial import inverse, pose_matrix
@@ -29,13 +28,15 @@ every_kind = pytest.mark.parametrize("kind", KINDS)
 def build(kind: str, robot: Robot = ARM) -> Measurement:
     """With everything unknown that may be."""
     if kind == "points":
-        return measurements.position(
-            chain(robot, parameter_set(robot, base=True, points=("a", "b", "c"))), ("a", "b", "c")
+        return observe(
+            chain(robot, parameter_set(robot, base=True, points=("a", "b", "c"))),
+            kind_named("position"),
+            ("a", "b", "c"),
         )
     symbolic = chain(robot, parameter_set(robot, base=True, tool="frame"))
     if kind == "position":
-        return measurements.position(symbolic, ("a", "b", "c"))
-    return measurements.pose(symbolic, invert=kind == "inverted")
+        return observe(symbolic, kind_named("position"), ("a", "b", "c"))
+    return observe(symbolic, kind_named("pose"), riding=kind == "inverted")
 
 
 @lru_cache(maxsize=16)
@@ -58,7 +59,7 @@ def errors(measurement: Measurement, rng: np.random.Generator) -> np.ndarray:
 def measured(measurement: Measurement, q, x, vector, rng, turn: float = 0.02) -> np.ndarray:
     """What an instrument with a little noise would give; a pose's quaternion of either sign and any length."""
     z = np.array(measurement.predict(q, x, vector)).ravel()
-    if measurement.kind == "position":
+    if measurement.kind.name == "position":
         return z + rng.normal(size=z.size)
     rotation = Rotation.from_quat(z[3:]) * Rotation.from_rotvec(turn * rng.normal(size=3))
     return np.concatenate([z[:3] + rng.normal(size=3), rng.choice([-1.3, 0.7]) * rotation.as_quat()])
@@ -157,7 +158,7 @@ def test_carrying_out_the_increments_moves_nothing(kind: str, seed: int) -> None
     links = np.array([name in ARM.parameters for name in measurement.parameters.names])
     before = np.array(measurement.predict(q, x, setup.vector)).ravel()
     after = np.array(measurement.predict(q, np.where(links, x, 0.0), moved.vector)).ravel()
-    if measurement.kind == "pose":
+    if measurement.kind.name == "pose":
         before, after = pose_matrix(before), pose_matrix(after)
     assert np.allclose(before, after, atol=1e-8)
 
@@ -176,7 +177,7 @@ def test_groups_cover_every_component_once_with_its_unit() -> None:
 def test_a_pose_that_agrees_has_a_finite_slope() -> None:
     """At the identity the logarithm is a quotient of zeros, and so is a half turn's quaternion."""
     robot = handling()
-    measurement = measurements.pose(chain(robot, parameter_set(robot, base=True, tool="frame")))
+    measurement = observe(chain(robot, parameter_set(robot, base=True, tool="frame")), kind_named("pose"))
     vector = Setup(np.eye(4), np.eye(4)).vector
     for q in (np.zeros(5), np.array([np.pi, 1000, 100, np.pi, np.pi]), np.array([0, 1000, 0, np.pi / 2, np.pi])):
         z = np.array(measurement.predict(q, np.zeros(len(measurement.parameters)), vector)).ravel()

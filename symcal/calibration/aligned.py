@@ -49,9 +49,5 @@ def expected_centre_rms(model: Model, result: Fit, q: Array) -> Array:
 
 def _points(model: Model, q: Array, x: Array, setup: Array) -> tuple[Array, Array]:
     """Points, shape (N, 3 k), and their Jacobian, shape (N, 3 k, n)."""
-    if model.points is not None:
-        points, slopes = model.points(q, x, setup)
-        return points, slopes
-    (points,) = model.accuracy(q, x, setup, np.zeros((len(q), model.measurement.rows)))
-    (slopes,) = model.jacobian(q, x, setup)
+    points, slopes = model.points(q, x, setup)
     return points, slopes

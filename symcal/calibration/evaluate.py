@@ -64,7 +64,7 @@ def evaluate(state: State, data: Dataset) -> Errors:
     """Errors of a state on measurements of its kind."""
     model = state.model
     (error,) = model.accuracy(data.q, state.x, state.setup.vector, np.nan_to_num(data.z))
-    if model.task.kind == "pose":
+    if not model.measurement.kind.reads_points:
         index = np.arange(len(data))
         return Errors(error[:, :3], index, np.zeros_like(index), error[:, 3:])
     seen = np.isfinite(data.z).reshape(len(data), -1, model.measurement.groups[0].block).all(axis=2)
@@ -79,19 +79,11 @@ def expected_position_rms(model: Model, result: Fit, q: Array) -> Array:
     is, it is the error after one rigid alignment of all poses.
     """
     index = model.parameters.indices(result.free)
-    if model.task.kind == "pose":  # the tool in world, whatever the instrument's side
-        _, _, jacobian = model.flange(q, result.x, result.setup.vector)
-        points = 1
-    elif model.points is not None:
-        at, jacobian = model.points(q, result.x, result.setup.vector)
-        points = jacobian.shape[1] // 3
+    at, jacobian = model.points(q, result.x, result.setup.vector)
+    if model.measurement.kind.place:  # only the instrument says where the world is
         jacobian = without_rigid_motion(at.reshape(-1, 3), jacobian)
-    else:
-        (jacobian,) = model.jacobian(q, result.x, result.setup.vector)
-        points = jacobian.shape[1] // 3
-    rows = jacobian[:, : 3 * points, index]
-    rms = result.posterior.predicted_rms(rows)
-    return np.asarray(rms / np.sqrt(points))
+    rms = result.posterior.predicted_rms(jacobian[:, :, index])
+    return np.asarray(rms / np.sqrt(jacobian.shape[1] // 3))
 
 
 def without_rigid_motion(points: Array, jacobian: Array) -> Array:

@@ -16,7 +16,7 @@ from symcal.errors import InputError, RefusedError
 from symcal.fit.estimation import Fit, Options, check_redundancy, fit
 from symcal.fit.noise import unknown_noise
 from symcal.fit.residual_rows import rows_of
-from symcal.measurements import Setup
+from symcal.instruments import Setup
 from symcal.model.model import Model, Part, State, Task, build_model
 from symcal.placing.placement import place as place
 from symcal.placing.placement import stated

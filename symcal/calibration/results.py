@@ -20,7 +20,7 @@ from symcal.calibration.evaluate import Errors, statistics
 from symcal.calibration.identify import Calibration
 from symcal.fit.estimation import Fit
 from symcal.fit.identifiability import Identifiability
-from symcal.measurements import Setup
+from symcal.instruments import Setup
 from symcal.model.model import Task
 from symcal.parameters import ParameterSet
 from symcal.robot.robot import Robot

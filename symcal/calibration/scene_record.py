@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from symcal import spatial
 from symcal.camera.camera import INTRINSIC_NAMES, Camera
 from symcal.camera.files import camera_from_dict, camera_to_dict, target_from_dict, target_to_dict
-from symcal.measurements import Setup
+from symcal.instruments import Setup
 from symcal.model.model import Model, Scene
 
 Array = NDArray[np.float64]

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from symcal.camera.camera import Camera, in_image
 from symcal.data.dataset import Dataset
+from symcal.instruments.protocol import Draw
 from symcal.kernels import batch_function
 from symcal.model.model import Model
 
@@ -35,6 +36,14 @@ class Noise:
             return np.asarray(rng.uniform(-size, size, shape))
         return np.asarray(size * rng.normal(size=shape))
 
+    def by_name(self, rng: np.random.Generator) -> dict[str, Draw]:
+        """What draws the noise of each quantity, by the name of its sigma."""
+        sizes = {"position": self.position, "orientation": self.orientation, "image": self.image}
+        return {name: partial(self._drawn, size, rng) for name, size in sizes.items()}
+
+    def _drawn(self, size: float, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
+        return self.draw(size, shape, rng)
+
     def sigma(self, size: float) -> float:
         """Standard deviation per axis of noise of this size."""
         return size / np.sqrt(3) if self.distribution == "uniform" else size
@@ -52,15 +61,11 @@ def simulate(
     """
     x = model.parameters.vector(truth)
     (z,) = batch_function(model.measurement.predict, evaluations=len(q))(q, x, model.setup.vector)
-    if model.task.kind == "position":
-        z = z + noise.draw(noise.position, z.shape, rng)
-    elif model.task.scene is not None:
-        z = z + noise.draw(noise.image, z.shape, rng)
+    kind = model.measurement.kind
+    readings = z.reshape(len(q), -1, len(kind.columns))
+    z = kind.retract(readings, noise.by_name(rng)).reshape(z.shape)
+    if model.task.scene is not None:
         z = np.where(_in_view(model, model.task.scene.camera, x, q, z), z, np.nan)
-    else:
-        position = z[:, :3] + noise.draw(noise.position, (len(z), 3), rng)
-        turn = Rotation.from_rotvec(noise.draw(noise.orientation, (len(z), 3), rng))
-        z = np.hstack([position, (Rotation.from_quat(z[:, 3:]) * turn).as_quat(canonical=True)])
     return Dataset(
         kind=model.task.kind,
         q=q,
@@ -74,7 +79,6 @@ def simulate(
 
 def _in_view(model: Model, camera: Camera, x: Array, q: Array, z: Array) -> NDArray[np.bool_]:
     """Which image coordinates, shape (N, 2 k), belong to points in front of the camera and inside the image."""
-    assert model.points is not None
     world, _ = model.points(q, x, model.setup.vector)
     frame = model.setup.moved(model.parameters.mapping(x), model.measurement.point_names).camera
     assert frame is not None

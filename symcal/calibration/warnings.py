@@ -51,7 +51,7 @@ def plausibility(data: Dataset, before: State) -> tuple[str, ...]:
             f"the measured points spread over {spread:.3g} mm, the robot's over "
             f"{min(reach, _size(model, data)):.3g} mm: the measurements are not in the unit that their columns name"
         )
-    extent = max(reach, LEVER if model.task.kind == "pose" else 1.0)
+    extent = max(reach, 1.0 if model.task.instrument.reads_points else LEVER)
     if error > 0.1 * extent:
         return (
             f"nominal kinematics with fitted frames is off by {error:.4g} {unit} rms, {error / extent:.0%} of the "
@@ -125,13 +125,13 @@ def _refuse_nonsense(model: Model, data: Dataset, after: Fit) -> None:
     wrong, unit = [], model.measurement.groups[0].unit
     if error > spread / 4 and (unit != "mm" or error > _NONSENSE * _size(model, data)):
         wrong.append(f"{error:.4g} {unit} (the measured points spread over {spread:.4g} {unit})")
-    if model.task.kind == "pose":
+    if not model.task.instrument.reads_points:
         turn = float(np.median(np.linalg.norm(r[:, list(model.measurement.groups[1].columns)], axis=1)))
         if turn > _NONSENSE_TURN:
             wrong.append(f"{np.rad2deg(turn):.3g} deg")
     if not wrong:
         return
-    pose = ", the order x, y, z, w of the quaternion, 'invert'" if model.task.kind == "pose" else ""
+    pose = ", the order x, y, z, w of the quaternion, 'invert'" if not model.task.instrument.reads_points else ""
     raise RefusedError(
         f"even after the identification half of the poses are off by more than {' and '.join(wrong)}: these are not "
         f"measurements of this robot as it is described; check units, signs and order of the joint columns, the unit "

@@ -23,6 +23,7 @@ from symcal.documents.document import Document, Key, read_document, validate
 from symcal.documents.yaml_dialect import parse_value
 from symcal.errors import InputError
 from symcal.fit.estimation import Options
+from symcal.instruments.registry import kind_named
 from symcal.model.model import Scene, Task, pixels_task
 from symcal.robot.robot import Robot
 from symcal.solvers.least_squares import Tolerances
@@ -104,7 +105,7 @@ def task_of(file: ExperimentFile, document: Document, robot: Robot) -> Task:
         there.
     """
     m, i, units = file.measurement, file.identification, file.units
-    if m.points and m.type == "pose":
+    if m.points and not kind_named(m.type).reads_points:
         message = "a pose measurement has no points: give the tool frame in the robot file"
         raise document.error(message, ("measurement", "points"))
     for name, xyz in m.points.items():
@@ -116,7 +117,7 @@ def task_of(file: ExperimentFile, document: Document, robot: Robot) -> Task:
         name: (0.0, 0.0, 0.0) if xyz is None else (xyz[0] * length, xyz[1] * length, xyz[2] * length)
         for name, xyz in m.points.items()
     }
-    if m.type == "pixels":
+    if kind_named(m.type).place:
         task = pixels_task(scene_of(file, document), m.estimate, fix=tuple(i.fix))
     else:
         task = Task(

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Kind = Literal["position", "pose", "pixels"]
 
 
 @dataclass(frozen=True, slots=True)
 class Dataset:
     """N measured poses of one robot.
 
-    q: joint readings, shape (N, dof), rad and mm. z: what the instrument gave, shape (N, nz); NaN where a point was
+    kind: of instrument, by its name. q: joint readings, shape (N, dof), rad and mm. z: what the instrument gave, shape
+    (N, nz); NaN where a point was
         not seen.
     sigma: standard deviation of every residual component, shape (N, m), mm, rad and px; NaN where the file gives none.
     covariance: of the residual components of every pose, shape (N, m, m), where they are correlated: it then stands for
@@ -25,7 +24,7 @@ class Dataset:
     labels: the pose's name in its source. split: `train`, `test` or `unused` per pose.
     """
 
-    kind: Kind
+    kind: str
     q: Array
     z: Array
     labels: tuple[str, ...]

@@ -17,26 +17,27 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from symcal import spatial
-from symcal.data.dataset import Dataset, Kind
+from symcal.data.dataset import Dataset
 from symcal.data.notes import notes, unread
 from symcal.data.split import Split as Split
 from symcal.data.split import splits
 from symcal.documents.table import Table, joint_readings, read_table
 from symcal.errors import InputError
+from symcal.instruments.protocol import Kind, Quantity, Unit
+from symcal.instruments.registry import KINDS, kind_named
 from symcal.robot.robot import Robot
 from symcal.units import ANGLE, LENGTH, PIXEL, split_unit
 
 Array = NDArray[np.float64]
 
-_COMPONENTS: dict[Kind, tuple[str, ...]] = {"position": ("x", "y", "z"), "pixels": ("u", "v")}
-_UNITS: dict[Kind, Mapping[str, float]] = {"position": LENGTH, "pixels": PIXEL}
-"""Of an observed point."""
+_UNITS: dict[Unit, Mapping[str, float]] = {"mm": LENGTH, "rad": ANGLE, "px": PIXEL}
+_FRAME_ANGLES = ("roll", "pitch", "yaw")
 
 
 def load_measurements(
     path: Path | str,
     robot: Robot,
-    kind: Kind,
+    kind: str,
     *,
     point_names: Sequence[str] = (),
     columns: Mapping[str, str] | None = None,
@@ -57,7 +58,8 @@ def load_measurements(
     if not len(table):
         raise InputError("the file has a header but no rows", file=path)
     split, expected = split or Split(), tuple(point_names)
-    measured = _measured_stems(table, kind, expected)
+    reads = kind_named(kind)
+    measured = _measured_stems(table, reads, expected)
     known = _known_stems(table, robot, split)
     for canonical in columns or {}:
         if split_unit(canonical)[0] not in known:
@@ -65,12 +67,12 @@ def load_measurements(
             raise InputError(message, file=path, key="columns", found=canonical, allowed=sorted(known))
     q = joint_readings(table, [(joint.name, joint.revolute) for joint in robot.joints], measured)
     poses: Sequence[object] = range(len(table))
-    if kind == "pose":
-        data = _read_pose(table, q)
+    if not reads.reads_points:
+        data = _read_pose(table, q, reads)
     elif measured:
-        data, poses = _read_long(table, q, kind, expected), _pose_keys(table, q)
+        data, poses = _read_long(table, q, reads, expected), _pose_keys(table, q)
     else:
-        data = _read_wide(table, q, expected)
+        data = _read_wide(table, q, reads, expected)
     data = replace(data, split=splits(table, poses, split), provenance=str(path))
     return replace(data, notes=(*notes(data, robot), *unread(table, known, expected)))
 
@@ -78,12 +80,12 @@ def load_measurements(
 def _measured_stems(table: Table, kind: Kind, expected: tuple[str, ...]) -> tuple[str, ...]:
     """Columns of the measurement that a joint may be called like; none in a wide file, where points have names."""
     stems = table.stems()
-    if kind == "pose":
-        return ("x", "y", "z", *(() if "qw" in stems or "qx" in stems else ("roll", "pitch", "yaw")))
-    if kind == "pixels":
-        return _COMPONENTS[kind]
-    wide = _wide_points(table)
-    return () if wide and ("x" not in stems or set(wide) & set(expected)) else ("x", "y", "z")
+    names = tuple(name for name, _ in kind.columns)
+    if not kind.reads_points:
+        lengths = tuple(name for name, unit in kind.columns if unit is not None)
+        return (*lengths, *(() if "qw" in stems or "qx" in stems else _FRAME_ANGLES))
+    wide = _wide_points(table) if names == tuple("xyz") else ()
+    return () if wide and ("x" not in stems or set(wide) & set(expected)) else names
 
 
 def _wide_points(table: Table) -> tuple[str, ...]:
@@ -92,10 +94,11 @@ def _wide_points(table: Table) -> tuple[str, ...]:
 
 def _known_stems(table: Table, robot: Robot, split: Split) -> set[str]:
     """Every column stem that can mean something in this file."""
-    sigmas = {"sigma", "sigma_rot", *(f"sigma_{c}" for c in ("x", "y", "z", "rx", "ry", "rz", "u", "v"))}
+    every = [quantity for kind in KINDS.values() for quantity in kind.quantities]
+    sigmas = {name for quantity in every for name in (quantity.sigma_column, *quantity.sigma_columns)}
     wide = {f"{name}_{c}" for name in _wide_points(table) for c in "xyz"}
     joints = {name for i, joint in enumerate(robot.joints, start=1) for name in (f"q{i}", joint.name)}
-    measured = {"x", "y", "z", "qx", "qy", "qz", "qw", "roll", "pitch", "yaw", "u", "v"}
+    measured = {name for kind in KINDS.values() for name, _ in kind.columns} | set(_FRAME_ANGLES)
     return {"pose", "point", split.column or "split"} | sigmas | wide | joints | measured
 
 
@@ -122,8 +125,9 @@ def _labels(table: Table, rows: NDArray[np.intp]) -> tuple[str, ...]:
 
 
 def _read_long(table: Table, q: Array, kind: Kind, expected: tuple[str, ...]) -> Dataset:
-    names, components, units = expected, _COMPONENTS[kind], _UNITS[kind]
-    size = len(components)
+    names, components, size = expected, [name for name, _ in kind.columns], len(kind.columns)
+    (quantity,) = kind.quantities
+    units = _UNITS[quantity.unit]
     points = table.text("point") if "point" in table.columns else None
     if points is None:
         names = names or ("P",)
@@ -136,7 +140,7 @@ def _read_long(table: Table, q: Array, kind: Kind, expected: tuple[str, ...]) ->
     place = {key: i for i, key in enumerate(dict.fromkeys(keys))}
     firsts = _first_rows(table, q)
     values = np.column_stack([table.quantity(c, units, f"the measured {c}") for c in components])
-    noise = _sigma(table, [components], units, "")
+    noise = _sigma(table, [quantity], units)
     z = np.full((len(place), size * len(names)), np.nan)
     sigma = np.full_like(z, np.nan)
     for row, (key, point) in enumerate(zip(keys, points, strict=True)):
@@ -159,10 +163,10 @@ def _read_long(table: Table, q: Array, kind: Kind, expected: tuple[str, ...]) ->
         z[i, size * k : size * (k + 1)] = values[row]
         if noise is not None:
             sigma[i, size * k : size * (k + 1)] = noise[row]
-    return Dataset(kind, q[firsts], z, _labels(table, firsts), (), names, None if noise is None else sigma)
+    return Dataset(kind.name, q[firsts], z, _labels(table, firsts), (), names, None if noise is None else sigma)
 
 
-def _read_wide(table: Table, q: Array, expected: tuple[str, ...]) -> Dataset:
+def _read_wide(table: Table, q: Array, kind: Kind, expected: tuple[str, ...]) -> Dataset:
     found = _wide_points(table)
     names = expected or found
     for name in names:
@@ -184,11 +188,11 @@ def _read_wide(table: Table, q: Array, expected: tuple[str, ...]) -> Dataset:
                 raise InputError(message, file=table.path, line=table.lines[row], column=f"{name}_x")
         if np.isnan(z[row]).all():
             raise InputError("no point was measured in this row: remove it", file=table.path, line=table.lines[row])
-    sigma = _sigma(table, [("x", "y", "z")] * len(names), LENGTH, "")
-    return Dataset("position", q, z, _labels(table, np.arange(len(z))), (), names, sigma)
+    sigma = _sigma(table, list(kind.quantities) * len(names), LENGTH)
+    return Dataset(kind.name, q, z, _labels(table, np.arange(len(z))), (), names, sigma)
 
 
-def _read_pose(table: Table, q: Array) -> Dataset:
+def _read_pose(table: Table, q: Array, kind: Kind) -> Dataset:
     stems = table.stems()
     xyz = np.column_stack([table.quantity(c, LENGTH, f"the measured {c}") for c in "xyz"])
     if "qw" in stems or "qx" in stems:
@@ -208,24 +212,23 @@ def _read_pose(table: Table, q: Array) -> Dataset:
                 "the quaternion is not of unit length", file=table.path, line=table.lines[row], found=f"{norm:.6g}"
             )
     else:
-        angles = [table.quantity(c, ANGLE, f"the measured {c} (or qx, qy, qz, qw)") for c in ("roll", "pitch", "yaw")]
+        angles = [table.quantity(c, ANGLE, f"the measured {c} (or qx, qy, qz, qw)") for c in _FRAME_ANGLES]
         quaternion = Rotation.from_matrix(spatial.rpy_matrix(np.column_stack(angles))).as_quat()
-    length = _sigma(table, [("x", "y", "z")], LENGTH, "")
-    angle = _sigma(table, [("rx", "ry", "rz")], ANGLE, "rot")
+    parts = [_sigma(table, [quantity], _UNITS[quantity.unit]) for quantity in kind.quantities]
     sigma = None
-    if length is not None or angle is not None:
-        blank = np.full((len(table), 3), np.nan)
-        sigma = np.hstack([blank if length is None else length, blank if angle is None else angle])
+    if any(part is not None for part in parts):
+        blanks = [np.full((len(table), quantity.size), np.nan) for quantity in kind.quantities]
+        sigma = np.hstack([blank if part is None else part for part, blank in zip(parts, blanks, strict=True)])
     z = np.hstack([xyz, quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)])
-    return Dataset("pose", q, z, _labels(table, np.arange(len(z))), (), (), sigma)
+    return Dataset(kind.name, q, z, _labels(table, np.arange(len(z))), (), (), sigma)
 
 
-def _sigma(table: Table, blocks: list[tuple[str, ...]], units: Mapping[str, float], suffix: str) -> Array | None:
+def _sigma(table: Table, quantities: list[Quantity], units: Mapping[str, float]) -> Array | None:
     """Columns `sigma_x_mm`.. per component, or one `sigma_mm` (`sigma_rot_rad`) for all; None when there are none."""
     stems = table.stems()
-    single = f"sigma_{suffix}" if suffix else "sigma"
-    each = [f"sigma_{c}" for components in blocks for c in components]
-    wanted = each if any(stem in stems for stem in each) else [single] * len(each)
+    each = [name for quantity in quantities for name in quantity.sigma_columns]
+    single = [quantity.sigma_column for quantity in quantities for _ in quantity.sigma_columns]
+    wanted = each if any(stem in stems for stem in each) else single
     if not any(stem in stems for stem in wanted):
         return None
     out = [table.quantity(stem, units, f"the measurement's {stem}") for stem in wanted]
@@ -241,23 +244,18 @@ def save_measurements(data: Dataset, robot: Robot, path: Path | str) -> None:
     head = ["pose", *(f"q{i}_{unit}" for i, unit in enumerate(units, start=1))]
     q = np.where([joint.revolute for joint in robot.joints], np.rad2deg(data.q), data.q)
     rows: list[list[object]] = []
-    if data.kind != "pose":
-        unit, components = ("px", "uv") if data.kind == "pixels" else ("mm", "xyz")
-        head += ["point", *(f"{c}_{unit}" for c in components)]
-        for i in range(len(data)):
-            for k, name in enumerate(data.point_names):
-                own = slice(len(components) * k, len(components) * (k + 1))
-                if np.isfinite(data.z[i, own]).all():
-                    cells = [*data.z[i, own], *_sigma_cells(data, i, own)]
-                    rows.append([data.labels[i], *q[i], name, *cells, data.split[i]])
-        head += [] if data.sigma is None else [f"sigma_{c}_{unit}" for c in components]
-    else:
-        head += ["x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw"]
-        rows = [
-            [data.labels[i], *q[i], *data.z[i], *_sigma_cells(data, i, slice(0, 6)), data.split[i]]
-            for i in range(len(data))
-        ]
-        head += [] if data.sigma is None else [f"sigma_{c}_mm" for c in "xyz"] + [f"sigma_r{c}_rad" for c in "xyz"]
+    kind = kind_named(data.kind)
+    size, width = len(kind.columns), sum(quantity.size for quantity in kind.quantities)
+    head += ["point"] if kind.reads_points else []
+    head += [name if unit is None else f"{name}_{unit}" for name, unit in kind.columns]
+    for i in range(len(data)):
+        for k, name in enumerate(data.point_names or ("",)):
+            own, errors = slice(size * k, size * (k + 1)), slice(width * k, width * (k + 1))
+            if np.isfinite(data.z[i, own]).all():
+                cells = [*data.z[i, own], *_sigma_cells(data, i, errors)]
+                rows.append([data.labels[i], *q[i], *([name] if kind.reads_points else []), *cells, data.split[i]])
+    if data.sigma is not None:
+        head += [f"{name}_{quantity.unit}" for quantity in kind.quantities for name in quantity.sigma_columns]
     with Path(path).open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow([*head, "split"])

@@ -27,7 +27,7 @@ from symcal.fit.posterior import Posterior, posterior_of
 from symcal.fit.residual_rows import Rows
 from symcal.fit.variances import VarianceModel, Variances
 from symcal.fit.whitened import whitened
-from symcal.measurements import Setup
+from symcal.instruments import Setup
 from symcal.solvers import SOLVERS, SolverName
 from symcal.solvers.least_squares import Problem, Solution, Tolerances
 

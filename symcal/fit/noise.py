@@ -13,13 +13,10 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from symcal.fit.residual_rows import Rows
-from symcal.measurements import Group
+from symcal.instruments import Group
 
 Array = NDArray[np.float64]
 Loss = Literal["linear", "huber", "cauchy"]
-
-SIGMA_FLOOR = {"position": 1e-9, "orientation": 1e-12, "image": 1e-9}
-"""Noise of data that have none (simulations): rounding, in mm, rad, px."""
 
 _HUBER_QUANTILE = 0.95  # of the block norm's chi distribution: where a residual starts to count less
 
@@ -75,7 +72,7 @@ def block_sigmas(
             size = unknown.sum(axis=2)
             norms = np.linalg.norm(np.where(unknown, _blocks(group, residual), 0.0), axis=2)[size > 0]
             expected = np.sqrt(stats.chi2.median(size[size > 0]) * max(equations - learnt, 1) / equations)
-            out[group.name] = max(float(np.median(norms / expected)), SIGMA_FLOOR[group.name])
+            out[group.name] = max(float(np.median(norms / expected)), group.floor)
     return out
 
 

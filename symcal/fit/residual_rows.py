@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.data.dataset import Dataset
+from symcal.instruments import Measurement, Setup
 from symcal.kernels import BatchFunction, batch_function
-from symcal.measurements import Measurement, Setup
 
 Array = NDArray[np.float64]
 
@@ -56,5 +56,6 @@ class Rows:
 def rows_of(measurement: Measurement, data: Dataset, setup: Setup, kernel: BatchFunction | None = None) -> Rows:
     """The residual rows of a dataset under a setup; a kernel made before may be used again."""
     kernel = kernel or batch_function(measurement.residual)
-    seen = np.isfinite(data.z) if measurement.kind != "pose" else np.ones((len(data), measurement.rows), dtype=bool)
+    whole = np.ones((len(data), measurement.rows), dtype=np.bool_)
+    seen = np.isfinite(data.z) if measurement.kind.reads_points else whole
     return Rows(measurement, data, setup, kernel, np.nan_to_num(data.z), seen)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
-from symcal.fit.noise import SIGMA_FLOOR, Loss, block_sigmas, robust_weights
+from symcal.fit.noise import Loss, block_sigmas, robust_weights
 from symcal.fit.variance_components import Block, Components, at_variances, compressed, most_likely
 from symcal.fit.whitened import Whitened
 
@@ -147,12 +147,13 @@ class VarianceModel:
         return [*groups, *([_FACTOR] if self.factor_estimated else [])], blocks, compressed(fixed)
 
     def _noise_block(self, name: str, residual: Array, jacobian: Array, weights: Array) -> Block:
-        columns = list(next(g.columns for g in self.system.rows.measurement.groups if g.name == name))
+        group = next(g for g in self.system.rows.measurement.groups if g.name == name)
+        columns = list(group.columns)
         mask = np.zeros_like(self.missing)
         mask[:, columns] = self.missing[:, columns] & (weights[:, columns] > 0)
         spread = np.where(mask, 1 / np.sqrt(np.where(mask, weights, 1.0)), np.inf)
         rows = self.system.picked(residual, jacobian, spread)
-        return Block(compressed(rows), len(rows), 2 * np.log(SIGMA_FLOOR[name]), np.inf)
+        return Block(compressed(rows), len(rows), 2 * np.log(group.floor), np.inf)
 
     def _start(self, names: list[str], blocks: list[Block], fixed: Array, factor: float) -> Array:
         """Log variances for this factor with the noise that is left where noise counts as small."""

@@ -22,7 +22,7 @@ from symcal.data.dataset import Dataset
 from symcal.fit.estimation import Fit, Options, fit
 from symcal.fit.residual_rows import rows_of
 from symcal.images.p3p_data import P3PData, p3p_positions
-from symcal.measurements import Setup
+from symcal.instruments import Setup
 from symcal.model.model import Model, Scene, State, Task, build_model
 from symcal.placing.placement import place
 from symcal.placing.scene_placement import flange_poses

@@ -13,7 +13,7 @@ from symcal.camera.board import Board
 from symcal.camera.camera import Camera
 from symcal.camera.target import Target
 from symcal.images.measure import MeasuredImages, Shot
-from symcal.measurements import Setup
+from symcal.instruments import Setup
 from symcal.model.model import Model
 from symcal.vision.board import BoardDetection, Refusal, detect_board
 from symcal.vision.board_views import board_views

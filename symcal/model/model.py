@@ -9,13 +9,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal import measurements
 from symcal.camera.camera import INTRINSIC_NAMES, Camera
 from symcal.camera.target import Target
 from symcal.errors import InputError
+from symcal.instruments import Kind, Measurement, Setup, kind_named, observe
 from symcal.kernels import BatchFunction, batch_function
 from symcal.kinematics import chain, forward
-from symcal.measurements import Measurement, Setup
 from symcal.model.parameter_set import parameter_set
 from symcal.parameters import ParameterSet, zero_name
 from symcal.robot.robot import Robot
@@ -40,14 +39,15 @@ class Scene:
 class Task:
     """What is measured on a robot and what is to be estimated.
 
-    kind: `position`, `pose` or `pixels`; invert: pose data are T_tool_world (eye in hand). estimate: parts whose place
+    kind: of instrument, by its name (`symcal.instruments.registry`); invert: pose data are T_tool_world (eye in hand).
+    estimate: parts whose place
         is unknown.
     points: tool points in the tool frame by name, mm (position); coordinates of points to be estimated may be anything.
     scene: of `pixels` (see `pixels_task`): the tool is then the target's frame, and its points are the target's.
     fix: parameters to hold at nominal. scales, priors: by parameter name, mm or rad.
     """
 
-    kind: Literal["position", "pose", "pixels"]
+    kind: str
     estimate: frozenset[Part] = frozenset()
     points: Mapping[str, tuple[float, float, float]] = field(default_factory=lambda: {"P": (0.0, 0.0, 0.0)})
     invert: bool = False
@@ -58,7 +58,16 @@ class Task:
 
     @property
     def point_names(self) -> tuple[str, ...]:
-        return () if self.kind == "pose" else tuple(self.points)
+        return tuple(self.points) if self.instrument.reads_points else ()
+
+    @property
+    def instrument(self) -> Kind:
+        """The kind of instrument.
+
+        Raises:
+            InputError: there is none of this name.
+        """
+        return kind_named(self.kind)
 
     @property
     def tool(self) -> Literal["frame", "position", "points"] | None:
@@ -66,7 +75,7 @@ class Task:
         if "points" in self.estimate:
             return "points"
         if "tool" in self.estimate:
-            return "position" if self.kind == "position" and len(self.points) == 1 else "frame"
+            return "position" if len(self.point_names) == 1 else "frame"
         return None
 
     def parameters(self, robot: Robot) -> ParameterSet:
@@ -78,18 +87,18 @@ class Task:
         if {"points", "tool"} <= self.estimate:
             message = "'tool' and 'points' cannot both be estimated: moving the tool is moving all its points"
             raise InputError(message, key="measurement.estimate")
-        if "points" in self.estimate and self.kind == "pose":
-            raise InputError("pose measurements have no tool points to estimate", key="measurement.estimate")
+        if "points" in self.estimate and not self.instrument.reads_points:
+            raise InputError(f"{self.kind} measurements have no tool points to estimate", key="measurement.estimate")
         for part in ("camera", "intrinsics"):
             if part in self.estimate and self.scene is None:
                 raise InputError("only pixel measurements have a camera", key="measurement.estimate", found=part)
-        if self.kind == "pixels" and self.scene is None:
+        if self.instrument.place and self.scene is None:
             raise InputError("pixel measurements need a camera and a target", key="measurement")
         if {"base", "camera"} <= self.estimate:
             message = "'base' and 'camera' cannot both be estimated: moving the robot is moving the camera"
             raise InputError(message, key="measurement.estimate")
-        if self.invert and self.kind != "pose":
-            raise InputError("only pose measurements can be inverted", key="measurement.invert")
+        if self.invert and self.instrument.reads_points:
+            raise InputError("only measurements of a frame can be inverted", key="measurement.invert")
         return parameter_set(
             robot,
             base="base" in self.estimate,
@@ -136,7 +145,7 @@ class Model:
     jacobian: BatchFunction
     flange: BatchFunction
     setup: Setup
-    points: BatchFunction | None = None
+    points: BatchFunction
 
     @property
     def parameters(self) -> ParameterSet:
@@ -194,13 +203,9 @@ def build_model(robot: Robot, task: Task) -> Model:
     symbolic = chain(robot, parameters)
     points = np.array([task.points[name] for name in task.point_names], dtype=float).reshape(-1, 3)
     setup = Setup(robot.base, robot.tool, points)
-    if task.kind == "position":
-        measurement = measurements.position(symbolic, task.point_names)
-    elif task.scene is not None:
-        measurement = measurements.pixels(symbolic, task.point_names)
+    measurement = observe(symbolic, task.instrument, task.point_names, riding=task.invert)
+    if task.scene is not None:
         setup = _scene_setup(setup, task.scene)
-    else:
-        measurement = measurements.pose(symbolic, invert=task.invert)
     return Model(
         task=task,
         robot=robot,
@@ -210,7 +215,7 @@ def build_model(robot: Robot, task: Task) -> Model:
         jacobian=batch_function(measurement.jacobian, evaluations=0),
         flange=batch_function(forward(symbolic), evaluations=0),
         setup=setup,
-        points=None if measurement.points is None else batch_function(measurement.points, evaluations=0),
+        points=batch_function(measurement.points, evaluations=0),
     )
 
 

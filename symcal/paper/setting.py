@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal import measurements
 from symcal.calibration.simulate import Noise
 from symcal.camera.camera import Camera
 from symcal.camera.target import Target
@@ -14,6 +13,7 @@ from symcal.config.conversion import ExperimentFile, SimulatedData
 from symcal.config.study import SceneConfig, StudyConfig
 from symcal.documents.document import Document
 from symcal.errors import RefusedError
+from symcal.instruments import Measurement, Setup, observe
 from symcal.kernels import batch_function
 from symcal.model.model import Model
 from symcal.paper.results import Setting
@@ -45,7 +45,11 @@ def study_setting(
     data = file.data
     if not isinstance(data, SimulatedData) or not data.noise.position or not data.test_poses:
         raise RefusedError("the study compares with a known truth: it needs simulated data with noise and test poses")
-    if model.task.kind != "position" or len(model.task.point_names) != 1 or model.placement:
+    if (
+        not (model.task.instrument.gives_point and model.task.instrument.reads_points)
+        or len(model.task.point_names) != 1
+        or model.placement
+    ):
         raise RefusedError(
             "the study is about positions of one point of a robot whose base and tool are known, as in the paper: "
             "measurement of type 'position' with one point and nothing to estimate"
@@ -98,8 +102,8 @@ def positions(setting: Setting, poses: Array, x: Array) -> Array:
     return np.asarray(setting.predict(poses, x, setting.model.setup.vector)[0])
 
 
-def target_measurement(setting: Setting) -> tuple[measurements.Measurement, measurements.Setup]:
+def target_measurement(setting: Setting) -> tuple[Measurement, Setup]:
     """Positions of all three target points instead of the last origin alone."""
     view, setup = setting.view, setting.model.setup
-    measurement = measurements.position(setting.model.measurement.chain, view.target.names)
-    return measurement, measurements.Setup(setup.base, setup.tool, view.tool_points)
+    measurement = observe(setting.model.measurement.chain, setting.model.measurement.kind, view.target.names)
+    return measurement, Setup(setup.base, setup.tool, view.tool_points)

@@ -10,9 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from symcal.data.dataset import Dataset
 from symcal.fit.estimation import Fit, Options, fit
-from symcal.fit.noise import SIGMA_FLOOR
 from symcal.fit.residual_rows import rows_of
-from symcal.measurements import Setup
+from symcal.instruments import Setup
 from symcal.model.model import Model
 from symcal.parameters import frame_names, point_names
 from symcal.placing.registration import LEVER, Registration, hand_eye, register, virtual_points
@@ -34,7 +33,7 @@ def place(model: Model, data: Dataset, options: Options) -> Setup:
     options = replace(options, solver="levenberg_marquardt")
     guesses = _guesses(model, data)
     if len(guesses) > 1:
-        size = max(min(g.rms for g in guesses) / np.sqrt(3), SIGMA_FLOOR["position"])
+        size = max(min(g.rms for g in guesses) / np.sqrt(3), model.measurement.groups[0].floor)
         plain = replace(options, loss="linear", sigma={"position": size, "orientation": size / LEVER})
         guesses = sorted(guesses, key=lambda g: _total(model, data, _fit(model, data, g, plain)))
     found = _fit(model, data, guesses[0], options)
@@ -66,7 +65,7 @@ def _guesses(model: Model, data: Dataset) -> list[Registration]:
     base = "base" in task.estimate and not any(name.startswith("base_") for name in task.fix)
     tool = None if any(name.startswith("tool_") for name in task.fix) else task.tool
     starts: tuple[Registration, ...] = ()
-    if task.kind == "pose":
+    if not task.instrument.reads_points:
         poses = pose_matrix(data.z)
         poses = inverse(poses) if task.invert else poses
         nominal = replace(nominal, points=virtual_points(np.eye(4)[None])[0])
@@ -80,7 +79,7 @@ def _guesses(model: Model, data: Dataset) -> list[Registration]:
 
 
 def _fit(model: Model, data: Dataset, guess: Registration, options: Options) -> Fit:
-    points = guess.points if model.task.kind == "position" else model.setup.points
+    points = guess.points if model.measurement.point_names else model.setup.points
     setup = Setup(guess.base, guess.tool, points)
     rows = rows_of(model.measurement, data, setup, model.residual)
     return fit(rows, model.placement, options, prior_mean=stated(model, setup))

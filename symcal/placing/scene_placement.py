@@ -12,7 +12,7 @@ from symcal.data.dataset import Dataset
 from symcal.errors import InputError
 from symcal.fit.estimation import Options, fit
 from symcal.fit.residual_rows import rows_of
-from symcal.measurements import Setup
+from symcal.instruments import Setup
 from symcal.model.model import Model, Scene
 from symcal.placing.camera_placement import CameraPlacement, place_camera, target_poses
 

@@ -61,7 +61,7 @@ class PlanProblem:
     @property
     def aligned(self) -> bool:
         """Whether errors are meant after one rigid alignment: the measurement cannot tell where the world is."""
-        return self.info.measurement.kind == "pixels"
+        return bool(self.info.measurement.kind.place)
 
     @property
     def feasible(self) -> Feasible | None:

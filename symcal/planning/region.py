@@ -15,12 +15,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal import kinematics, spatial
+from symcal import spatial
 from symcal.documents.table import joint_readings, read_table
 from symcal.errors import InputError
 from symcal.kernels import BatchFunction, batch_function
-from symcal.kinematics import frame_vector
-from symcal.measurements.position import world_points
 from symcal.planning.area import Feasible, Mask, WorkingArea, draw
 from symcal.planning.information import PoseInformation
 from symcal.planning.subspace_rows import SubspaceRows, subspace_rows
@@ -127,19 +125,18 @@ def region_accuracy(info: PoseInformation, region: TaskRegion, *, aligned: bool 
             measurement cannot tell where the world is (an unknown camera pose).
     """
     chain, index = info.measurement.chain, info.measurement.parameters.indices(info.names)
-    points, jacobians = _points(info)
+    where, motion = _points(info)
+    points = ca.vertsplit(where, 3)
     k = len(points)
-    jacobian = ca.vertcat(*jacobians)[:, index.tolist()] @ ca.diag(info.scales) / np.sqrt(k)
+    jacobian = motion[:, index.tolist()] @ ca.diag(info.scales) / np.sqrt(k)
     if aligned:
         # a rigid motion moves the points by [1, -[p]x]; turns are counted per reach of the arm to balance the columns
         length = max(chain.robot.reach, 1.0)
         motion = ca.vertcat(*(ca.horzcat(ca.SX.eye(3), -spatial.skew(p) / length) for p in points)) / np.sqrt(k)
-        j, m = batch_function(_at_nominal(info, "motion", [jacobian, motion]))(region.poses)
+        j, m = batch_function(_of_readings(info, "motion", [jacobian, motion]))(region.poses)
         fit = np.linalg.lstsq(m.reshape(-1, 6), j.reshape(-1, len(index)), rcond=None)[0]
         jacobian = jacobian - motion @ fit
-    q = chain.q
-    at_nominal = _at_nominal(info, "accuracy", [jacobian])(q)
-    whole = subspace_rows("accuracy", q, at_nominal, np.eye(len(index)))
+    whole = subspace_rows("accuracy", chain.q, jacobian, np.eye(len(index)))
     function = whole.on(info.basis)
     rows = whole.full(region.poses).reshape(-1, len(index)) / np.sqrt(len(region.poses))
     everywhere = rows.T @ rows
@@ -153,21 +150,15 @@ def region_accuracy(info: PoseInformation, region: TaskRegion, *, aligned: bool 
 def tool_points(info: PoseInformation) -> BatchFunction:
     """q -> tool points in world at nominal, shape (3 k,), mm."""
     points, _ = _points(info)
-    return batch_function(_at_nominal(info, "points", [ca.vertcat(*points)]))
+    return batch_function(_of_readings(info, "points", [points]))
 
 
-def _at_nominal(info: PoseInformation, name: str, expressions: list[ca.SX]) -> ca.Function:
-    """Expressions of the chain as a function of the joint readings alone."""
+def _of_readings(info: PoseInformation, name: str, expressions: list[ca.SX]) -> ca.Function:
+    return ca.Function(name, [info.measurement.chain.q], ca.cse([ca.densify(ca.simplify(e)) for e in expressions]))
+
+
+def _points(info: PoseInformation) -> tuple[ca.SX, ca.SX]:
+    """Tool points (or the tool) in world at nominal, shape (3 k,), and their Jacobian by all parameters, (3 k, n)."""
     chain = info.measurement.chain
-    whole = ca.Function(name, [chain.q, chain.x, chain.frames], [ca.densify(e) for e in expressions])
-    values = whole.call([chain.q, ca.SX.zeros(chain.x.numel()), ca.SX(frame_vector(info.setup.base, info.setup.tool))])
-    return ca.Function(name, [chain.q], ca.cse([ca.densify(ca.simplify(value)) for value in values]))
-
-
-def _points(info: PoseInformation) -> tuple[list[ca.SX], list[ca.SX]]:
-    """Tool points in world, or the tool's origin, shape (3,) each, and their Jacobians by all parameters."""
-    chain, names = info.measurement.chain, info.measurement.point_names
-    if names:
-        return world_points(chain, [ca.SX(point) for point in info.setup.points], names)
-    origin = chain.tool[:3, 3]
-    return [origin], [kinematics.stack(chain.parameter_screws, origin)]
+    where, motion = info.measurement.points(chain.q, ca.SX.zeros(chain.x.numel()), ca.SX(info.setup.vector))
+    return where, motion

@@ -18,6 +18,7 @@ from symcal.data.measurement_file import load_measurements
 from symcal.documents.table import read_table
 from symcal.errors import InputError
 from symcal.fit.estimation import Options
+from symcal.instruments.registry import KINDS
 from symcal.model.model import Model, Part, State, Task, build_model, pixels_task
 from symcal.robot.robot import Robot, load_robot
 from symcal.runs.folder import run_folder, write_json
@@ -86,14 +87,14 @@ def validate_robot(
 def _task(robot: Robot, file: Path, refit: tuple[str, ...], state: str) -> Task:
     assert robot.record is not None
     found = robot.record.provenance.get("measurement")
-    if not isinstance(found, dict) or found.get("type") not in ("position", "pose", "pixels"):
+    if not isinstance(found, dict) or found.get("type") not in KINDS:
         raise InputError("the calibration does not say how it was measured", file=file, key="calibration.provenance")
     parts = []
     for part in refit:
         if part not in _PARTS:
             raise InputError("no such part to fit", key="--refit", found=part, allowed=_PARTS)
         parts.append(part)
-    if found["type"] == "pixels":
+    if KINDS[found["type"]].place:
         return pixels_task(recorded_scene(found["scene"], state, file), parts)
     points = {name: (float(x), float(y), float(z)) for name, (x, y, z) in (found.get("points_mm") or {}).items()}
     return Task(

@@ -21,8 +21,8 @@ from symcal.camera.target import Target
 from symcal.errors import InputError, RefusedError
 from symcal.fit.estimation import Options
 from symcal.fit.identifiability import analyse
+from symcal.instruments import Setup, kind_named, observe
 from symcal.kinematics import chain
-from symcal.measurements import Setup, pixels
 from symcal.model.model import Scene, Task, build_model, pixels_task
 from symcal.model.parameter_set import parameter_set
 
@@ -38,7 +38,7 @@ def random_case(seed):
     parameters = parameter_set(
         robot, tool="frame" if tool else None, points=() if tool else NAMES, camera=True, intrinsics=lens
     )
-    measurement = pixels(chain(robot, parameters), NAMES)
+    measurement = observe(chain(robot, parameters), kind_named("pixels"), NAMES)
     sizes = {"mm": 1.0, "rad": 0.01}
     x = 0.5 * rng.normal(size=len(parameters)) * [sizes.get(p.unit, p.scale) for p in parameters.items]
     q = rng.uniform(-1, 1, robot.dof)

@@ -1,9 +1,8 @@
-"""What every kind of measurement has in common."""
+"""A measurement: a kind of instrument on a robot, as compiled functions of joint readings, errors and frames."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import casadi as ca
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from symcal import spatial
+from symcal.instruments.protocol import Kind, Unit
 from symcal.kinematics import Chain, frame_vector
 from symcal.parameters import ParameterSet, frame_names
 from symcal.parameters import point_names as coordinate_names
@@ -67,11 +67,13 @@ def _moved(frame: Array, name: str, errors: dict[str, float]) -> Array:
 class Group:
     """Residual components that share one noise sigma: `position` in mm, `orientation` in rad, `image` in px."""
 
-    name: Literal["position", "orientation", "image"]
-    unit: Literal["mm", "rad", "px"]
+    name: str
+    unit: Unit
     columns: tuple[int, ...]
     block: int
     """Components of one observation: residuals are judged by the norm over ``block`` consecutive columns."""
+    floor: float
+    """Noise of data that have none: rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,11 +85,10 @@ class Measurement:
     jacobian: (q, x, setup) -> J at zero residual, shape (m, n): the information of a pose that is yet to be measured.
     accuracy: (q, x, setup, z) -> e: the tool's error in the words of the user (world frame), mm and rad, grouped as r.
         Of an image point: the smallest displacement, across the line of sight, that would explain the residual.
-    points: (q, x, setup) -> tool points in world, shape (3 k,), mm, and their Jacobian, shape (3 k, n); of `pixels`,
-        whose rows are not positions.
+    points: (q, x, setup) -> tool points (or the tool) in world, shape (3 k,), mm, and their Jacobian, shape (3 k, n).
     """
 
-    kind: Literal["position", "pose", "pixels"]
+    kind: Kind
     chain: Chain
     point_names: tuple[str, ...]
     groups: tuple[Group, ...]
@@ -95,7 +96,7 @@ class Measurement:
     residual: ca.Function
     jacobian: ca.Function
     accuracy: ca.Function
-    points: ca.Function | None = None
+    points: ca.Function
 
     @property
     def parameters(self) -> ParameterSet:
@@ -112,9 +113,3 @@ class Measurement:
         for group in self.groups:
             out[list(group.columns)] = values[group.name]
         return out
-
-
-def setup_symbol(chain: Chain, points: int) -> tuple[SX, list[SX]]:
-    """The symbol that `Setup.vector` stands for, and the nominal tool points in it."""
-    coordinates = SX.sym("points", 3 * points)
-    return ca.vertcat(chain.frames, coordinates), [coordinates[3 * k : 3 * k + 3] for k in range(points)]

@@ -65,7 +65,7 @@ def observed(name: str) -> dict[str, Any]:
             _, content = run_plan(path, Path(folder) / "out", overrides=PLAIN[:2])
             return {"plan": {figure: content["plan"][figure] for figure in _FORECAST}}
         _, content = run(path, Path(folder) / "out", overrides=PLAIN)
-    with mock.patch.object(terminal, "output", lambda: Console(file=text, width=160, soft_wrap=True)):
+    with mock.patch.object(terminal, "output", return_value=Console(file=text, width=160, soft_wrap=True)):
         (terminal.print_study if "simulation_2" in content else terminal.print_accuracy)(content)
     numbers = {part: content[part] for part in _NUMBERS if part in content}
     numbers.get("identifiability", {}).pop("unseen", None)  # a choice of words, and of a basis

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import AfterValidator, Field, WithJsonSchema, model_validator
+from pydantic_core import PydanticCustomError, PydanticKnownError
 
 from symcal.config.plan import PlacementConfig, PlanConfig
 from symcal.config.study import StudyConfig
 from symcal.documents.document import Strict
+from symcal.instruments.registry import KINDS
 from symcal.units import ANGLE, LENGTH, AngleUnit, LengthUnit
 
 Positive = Annotated[float, Field(gt=0)]
@@ -40,6 +41,16 @@ class KnownNoise(Strict):
     image: Positive | None = None
 
 
+def _registered(name: str) -> str:
+    if name not in KINDS:
+        raise PydanticKnownError("literal_error", {"expected": ", ".join(map(repr, KINDS))})
+    return name
+
+
+KindName = Annotated[str, AfterValidator(_registered), WithJsonSchema({"enum": list(KINDS), "type": "string"})]
+"""The name of a registered kind of instrument."""
+
+
 class MeasurementConfig(Strict):
     """What is measured.
 
@@ -50,7 +61,7 @@ class MeasurementConfig(Strict):
     says otherwise.
     """
 
-    type: Literal["position", "pose", "pixels"]
+    type: KindName
     points: dict[str, Triple | None] = {}
     estimate: list[Literal["base", "tool", "points", "camera", "intrinsics"]] = []
     invert: bool = False
@@ -62,18 +73,20 @@ class MeasurementConfig(Strict):
     @model_validator(mode="before")
     @classmethod
     def _unknown_by_default(cls, data: Any) -> Any:
-        if isinstance(data, dict) and data.get("type") == "pixels" and "estimate" not in data:
+        kind = KINDS.get(str(data.get("type"))) if isinstance(data, dict) else None
+        if kind is not None and kind.place and "estimate" not in data:
             return data | {"estimate": ["tool", "camera", "intrinsics"]}
         return data
 
     @model_validator(mode="after")
     def _scene(self) -> MeasurementConfig:
         given = [name for name in ("camera", "target", "camera_pose") if getattr(self, name) is not None]
-        if self.type == "pixels" and (self.camera is None or self.target is None):
+        camera = bool(KINDS[self.type].place)
+        if camera and (self.camera is None or self.target is None):
             raise PydanticCustomError("scene", "a pixel measurement needs 'camera' and 'target', files of theirs")
-        if self.type != "pixels" and given:
+        if not camera and given:
             raise PydanticCustomError("scene", "'{name}' belongs to pixel measurements", {"name": given[0]})
-        if self.type == "pixels" and self.points:
+        if camera and self.points:
             raise PydanticCustomError("scene", "a pixel measurement has the points of its target: leave them out")
         return self
 

@@ -30,17 +30,17 @@ class Pixels:
     place: tuple[str, ...] = frame_names("camera")
     own: tuple[str, ...] = INTRINSIC_NAMES
 
-    def predict(self, rotation: SX, point: SX, own: SX) -> SX:  # noqa: ARG002
+    def predict(self, rotation: SX, point: SX, own: SX) -> SX:
         return _project(point, own)[1]
 
     def residual(self, rotation: SX, point: SX, reading: SX, own: SX) -> SX:
         return self.predict(rotation, point, own) - reading
 
-    def slopes(self, rotation: SX, point: SX, reading: SX | None, own: SX) -> tuple[SX, SX]:  # noqa: ARG002
+    def slopes(self, rotation: SX, point: SX, reading: SX | None, own: SX) -> tuple[SX, SX]:
         by_point, _, by_own = _project(point, own)
         return ca.horzcat(SX(2, 3), by_point), by_own
 
-    def error(self, rotation: SX, point: SX, reading: SX, own: SX, *, riding: bool) -> tuple[SX, SX]:  # noqa: ARG002
+    def error(self, rotation: SX, point: SX, reading: SX, own: SX, *, riding: bool) -> tuple[SX, SX]:
         """The smallest displacement, across the line of sight, that would explain the residual."""
         by_point, image, _ = _project(point, own)
         return by_point.T @ ca.inv(by_point @ by_point.T) @ (image - reading), SX(0, 1)

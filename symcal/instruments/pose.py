@@ -37,10 +37,10 @@ class Pose:
     place: tuple[str, ...] = ()
     own: tuple[str, ...] = ()
 
-    def predict(self, rotation: SX, point: SX, own: SX) -> SX:  # noqa: ARG002
+    def predict(self, rotation: SX, point: SX, own: SX) -> SX:
         return ca.vertcat(point, _quaternion(rotation))
 
-    def residual(self, rotation: SX, point: SX, reading: SX, own: SX) -> SX:  # noqa: ARG002
+    def residual(self, rotation: SX, point: SX, reading: SX, own: SX) -> SX:
         turn = spatial.log_rotation(spatial.quaternion_matrix(reading[3:]).T @ rotation)
         return ca.vertcat(point - reading[:3], turn)
 
@@ -51,7 +51,7 @@ class Pose:
         upper, lower = ca.horzcat(SX(3, 3), SX.eye(3)), ca.horzcat(attitude, SX(3, 3))
         return ca.vertcat(upper, lower), SX(6, 0)
 
-    def error(self, rotation: SX, point: SX, reading: SX, own: SX, *, riding: bool) -> tuple[SX, SX]:  # noqa: ARG002
+    def error(self, rotation: SX, point: SX, reading: SX, own: SX, *, riding: bool) -> tuple[SX, SX]:
         measured_r, measured_p = spatial.quaternion_matrix(reading[3:]), reading[:3]
         if riding:
             rotation, point = rotation.T, -(rotation.T @ point)

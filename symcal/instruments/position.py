@@ -27,16 +27,16 @@ class Position:
     place: tuple[str, ...] = ()
     own: tuple[str, ...] = ()
 
-    def predict(self, rotation: SX, point: SX, own: SX) -> SX:  # noqa: ARG002
+    def predict(self, rotation: SX, point: SX, own: SX) -> SX:
         return point
 
-    def residual(self, rotation: SX, point: SX, reading: SX, own: SX) -> SX:  # noqa: ARG002
+    def residual(self, rotation: SX, point: SX, reading: SX, own: SX) -> SX:
         return point - reading
 
-    def slopes(self, rotation: SX, point: SX, reading: SX | None, own: SX) -> tuple[SX, SX]:  # noqa: ARG002
+    def slopes(self, rotation: SX, point: SX, reading: SX | None, own: SX) -> tuple[SX, SX]:
         return ca.horzcat(SX(3, 3), SX.eye(3)), SX(3, 0)
 
-    def error(self, rotation: SX, point: SX, reading: SX, own: SX, *, riding: bool) -> tuple[SX, SX]:  # noqa: ARG002
+    def error(self, rotation: SX, point: SX, reading: SX, own: SX, *, riding: bool) -> tuple[SX, SX]:
         return point - reading, SX(0, 1)
 
     def retract(self, reading: Array, noise: Mapping[str, Draw]) -> Array:

@@ -98,7 +98,7 @@ class Task:
             message = "'base' and 'camera' cannot both be estimated: moving the robot is moving the camera"
             raise InputError(message, key="measurement.estimate")
         if self.invert and self.instrument.reads_points:
-            raise InputError("only measurements of a frame can be inverted", key="measurement.invert")
+            raise InputError("only pose measurements can be inverted", key="measurement.invert")
         return parameter_set(
             robot,
             base="base" in self.estimate,

@@ -65,6 +65,7 @@ def measurement_facts(task: Task, poses: Mapping[str, int]) -> dict[str, Any]:
         "type": task.kind,
         "invert": task.invert,
         "points": list(task.point_names),
+        "error": task.instrument.error_words,
         "estimate": sorted(task.estimate),
         "poses": dict(poses),
     }

@@ -41,6 +41,7 @@ Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
 AGAINST = "truth, after one rigid alignment"
+ERROR = "error of the target's centre"
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,6 +27,7 @@ class Pixels:
     columns: tuple[tuple[str, Unit | None], ...] = (("u", "px"), ("v", "px"))
     reads_points: bool = True
     gives_point: bool = False
+    error_words: str = "error across the lines of sight"
     place: tuple[str, ...] = frame_names("camera")
     own: tuple[str, ...] = INTRINSIC_NAMES
 

@@ -34,6 +34,7 @@ class Pose:
     )
     reads_points: bool = False
     gives_point: bool = True
+    error_words: str = "tool error"
     place: tuple[str, ...] = ()
     own: tuple[str, ...] = ()
 

@@ -24,6 +24,7 @@ class Position:
     columns: tuple[tuple[str, Unit | None], ...] = (("x", "mm"), ("y", "mm"), ("z", "mm"))
     reads_points: bool = True
     gives_point: bool = True
+    error_words: str = "tool error"
     place: tuple[str, ...] = ()
     own: tuple[str, ...] = ()
 

@@ -46,6 +46,7 @@ class Kind(Protocol):
     columns: names of the numbers of one reading in tables, with the unit of those that have one.
     reads_points: points of the target one by one, some of which may be missing; else its frame, whole.
     gives_point: a reading fixes the point; its residual is then an error of the tool in mm.
+    error_words: what its error is, said to people: 'tool error' where a reading fixes the point, and else what it is.
     place: names of the increments of the instrument's own frame that it can tell; none if world is its frame.
     own: parameters of its own, such as a camera's numbers.
     """
@@ -60,6 +61,8 @@ class Kind(Protocol):
     def reads_points(self) -> bool: ...
     @property
     def gives_point(self) -> bool: ...
+    @property
+    def error_words(self) -> str: ...
     @property
     def place(self) -> tuple[str, ...]: ...
     @property

@@ -79,7 +79,7 @@ class StudyPlan:
 
     title: in words. poses: in the order of the tour, shape (N, dof). positions: nominal tool positions at them, shape
     (N, 3), mm. trace: the tool on the way from the initial pose, shape (K, 3), mm.
-    expected_rms_mm: predicted rms error over the test poses from noise alone. beats_random: share of the random plans
+    expected_rms_mm: predicted rms error over the test poses. beats_random: share of the random plans
     whose prediction is larger. condition_number: of its scaled identifiable Jacobian.
     visible: share of its poses at which the camera sees the whole target.
     history: best fitness after each generation, the start first; None if no genetic algorithm made it.

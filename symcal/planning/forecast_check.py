@@ -29,7 +29,7 @@ def forecast_check(
     Args:
         errors: by part and state, as `symcal.calibration.compare.compare` gives them.
     """
-    if model.task.scene is not None or "test" not in data.split or "after" not in errors.get("test", {}):
+    if not model.measurement.kind.gives_point or "test" not in data.split or "after" not in errors.get("test", {}):
         return None
     try:
         sigmas = nominal_noise(file, model)

@@ -63,7 +63,8 @@ def convergence(calibration: Calibration, parts: Mapping[str, Dataset]) -> Illus
     train = curves["train"]
     fall = float(train[0] - train[-1])
     enough = int(np.argmax(train <= train[-1] + 0.01 * fall))
-    what = "position error" if calibration.model.task.scene is None else "error across the lines of sight"
+    kind = calibration.model.measurement.kind
+    what = "position error" if kind.gives_point else kind.error_words
     caption = (
         f"Rms {what} over the training poses: {number(float(train[0]))} mm at the start (nominal, frames "
         f"fitted), {number(float(train[-1]))} mm after {plural(int(steps[-1]), 'accepted step')}"

@@ -79,8 +79,8 @@ def _cells(flat: Array, errors: Array, cell: float) -> tuple[Array, Array, Array
 def _caption(found: PlanStudy) -> str:
     foretold, errors = found.planned.plan.prediction, found.field.uniform
     return (
-        "Predicted rms position error of the tool after an identification from these poses, from measurement noise "
-        f"alone: the largest of all of {len(found.field.errors)} sampled poses whose tool is in a cell. Rms over the "
+        "Predicted rms position error of the tool after an identification from these poses: "
+        f"the largest of all of {len(found.field.errors)} sampled poses whose tool is in a cell. Rms over the "
         f"region {number(foretold.mean_pose_rms_mm)} mm; largest, searched between the samples too, "
         f"{number(foretold.worst_pose_rms_mm)} mm; 95 % of the poses are below "
         f"{number(float(np.percentile(errors, 95)))} mm. Circles: tool positions of the plan."

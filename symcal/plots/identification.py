@@ -44,6 +44,6 @@ def identification_figures(
         figures.insert(2, error_distribution(errors["truth"], "truth", name="true_error_distribution"))
     if (calibration.after.posterior.learnt >= MOSTLY).sum() > 1:
         figures.append(correlation_matrix(calibration.after))
-    if errors.get("test") and "test" in parts and calibration.model.task.scene is None:
+    if errors.get("test") and "test" in parts and calibration.model.measurement.kind.gives_point:
         figures.append(predicted_error(calibration, parts["test"], errors["test"]["after"]))
     return tuple(figures)

@@ -66,8 +66,9 @@ def verdict(content: Content) -> list[str]:
 def _main(content: Content, part: str) -> str:
     before, after = _rms(content, part, "before"), _rms(content, part, "after")
     angles = [content["accuracy"][part][state].get("orientation_deg") for state in ("before", "after")]
+    what = content["measurement"].get("error", "tool error")
     sentence = (
-        f"The robot's tool error {_moved(before, after)} from {number(before)} mm (nominal kinematics, frames fitted) "
+        f"The robot's {what} {_moved(before, after)} from {number(before)} mm (nominal kinematics, frames fitted) "
         f"to {number(after)} mm rms on {_poses(content, part)}"
     )
     if all(angles):

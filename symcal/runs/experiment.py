@@ -23,7 +23,7 @@ from symcal.documents.document import write_document
 from symcal.errors import InputError, RefusedError
 from symcal.export.results import correction_facts, handover_facts
 from symcal.images.files import write_images
-from symcal.images.run import AGAINST, ImageRun, run_images
+from symcal.images.run import AGAINST, ERROR, ImageRun, run_images
 from symcal.planning.drive_plan import Planned, find_plan, plan_generator
 from symcal.planning.forecast_check import forecast_check
 from symcal.planning.plan_file import write_plan
@@ -115,6 +115,7 @@ def _with_images(experiment: Experiment, progress: Progress) -> Outcome:
     content = _content(replace(experiment, model=found.model), found.data, inputs, calibration, found.errors, notes)
     content |= found.facts
     content["against"] = AGAINST
+    content["measurement"]["error"] = ERROR
     content["measurement"]["poses"]["test"] = len(found.test)
     handover = _handover(experiment, calibration, found.truth, np.random.default_rng(experiment.seed))
     content["controller"] = correction_facts(calibration.robot)

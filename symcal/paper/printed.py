@@ -13,9 +13,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.data.dataset import Dataset
+from symcal.fit.estimation import Options, fit
+from symcal.fit.residual_rows import rows_of
 from symcal.kernels import batch_function
 from symcal.paper import published
-from symcal.paper.batch_fit import fit_many
 from symcal.paper.results import Setting
 from symcal.paper.setting import positions
 
@@ -51,11 +53,15 @@ def printed_tables(setting: Setting, poses: Array) -> Mapping[str, Printed]:
     """
     model = setting.model
     (jacobian,) = batch_function(model.measurement.jacobian)(setting.test_poses, setting.truth, model.setup.vector)
+    sigma = _EXACT * setting.sigma
     rounding = float(np.sqrt(np.sum(jacobian**2) / len(setting.test_poses)) * _HALF_DIGIT / np.sqrt(3))
     found = {}
     for name, table in published.TABLES.items():
         x = model.parameters.vector(table)
-        reduced = fit_many(model, poses, positions(setting, poses, x)[None], _EXACT * setting.sigma).x[0]
+        names = tuple(str(i) for i in range(len(poses)))
+        exact = Dataset(model.task.kind, poses, positions(setting, poses, x), names, ("train",) * len(poses))
+        rows = rows_of(model.measurement, exact, model.setup, model.residual)
+        reduced = fit(rows, model.parameters.names, Options(sigma={"position": sigma}, scales="stated")).x
         apart = positions(setting, setting.test_poses, reduced) - positions(setting, setting.test_poses, x)
         moved = float(np.sqrt(np.mean(np.sum(apart**2, axis=1))))
         found[name] = Printed(rounding, reduced, moved, _turned(setting, x))

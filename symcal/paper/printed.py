@@ -1,7 +1,8 @@
 """What the paper's printed identification values are worth in our model.
 
-Tables V and VI give fifteen errors each. Identifying the positions that they predict once more, with plausible sizes as
-prior, takes away what positions cannot see and leaves what the paper's data really said. Ours.
+Tables V and VI give fifteen errors each. Identifying the positions that they predict once more, at the noise of the
+measurement and with plausible sizes as prior, takes away what positions cannot see and leaves what the paper's data
+really said. Ours.
 """
 
 from __future__ import annotations
@@ -13,19 +14,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.data.dataset import Dataset
-from symcal.fit.estimation import Options, fit
-from symcal.fit.residual_rows import rows_of
 from symcal.kernels import batch_function
 from symcal.paper import published
+from symcal.paper.batch_fit import fit_many
 from symcal.paper.results import Setting
 from symcal.paper.setting import positions
 
 Array = NDArray[np.float64]
 
-_EXACT = (
-    0.01  # of the measurement's noise: predicted positions have none, and what is seen shall not be drawn to nominal
-)
 _HALF_DIGIT = 5e-5
 """Half a unit of the last digit of Tables V and VI, rad and mm."""
 
@@ -53,15 +49,11 @@ def printed_tables(setting: Setting, poses: Array) -> Mapping[str, Printed]:
     """
     model = setting.model
     (jacobian,) = batch_function(model.measurement.jacobian)(setting.test_poses, setting.truth, model.setup.vector)
-    sigma = _EXACT * setting.sigma
     rounding = float(np.sqrt(np.sum(jacobian**2) / len(setting.test_poses)) * _HALF_DIGIT / np.sqrt(3))
     found = {}
     for name, table in published.TABLES.items():
         x = model.parameters.vector(table)
-        names = tuple(str(i) for i in range(len(poses)))
-        exact = Dataset(model.task.kind, poses, positions(setting, poses, x), names, ("train",) * len(poses))
-        rows = rows_of(model.measurement, exact, model.setup, model.residual)
-        reduced = fit(rows, model.parameters.names, Options(sigma={"position": sigma}, scales="stated")).x
+        reduced = fit_many(model, poses, positions(setting, poses, x)[None], setting.sigma).x[0]
         apart = positions(setting, setting.test_poses, reduced) - positions(setting, setting.test_poses, x)
         moved = float(np.sqrt(np.mean(np.sum(apart**2, axis=1))))
         found[name] = Printed(rounding, reduced, moved, _turned(setting, x))

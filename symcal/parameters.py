@@ -6,7 +6,6 @@ kind and link as in [Ding2017] eq. 3; then base, tool, tool points, camera and i
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -21,6 +20,9 @@ Unit = Literal["mm", "rad", "px", "1"]
 
 SCALE: dict[str, float] = {"mm": 1.0, "rad": 0.010}
 """Plausible size of an error that nothing else is said about: 1 mm and 10 mrad."""
+
+SMALLEST_SIZE, LARGEST_SIZE = 1e-9, 1e6
+"""Sizes and priors beyond these are slips, and rounding would spoil what is computed with them."""
 
 FRAME_AXES = ("x", "y", "z", "rx", "ry", "rz")
 
@@ -162,5 +164,6 @@ class ParameterSet:
         for name, value in values.items():
             if name not in self.names:
                 raise InputError("no such parameter", found=name, allowed=self.names)
-            if not 0 < value < math.inf:
-                raise InputError("must be positive and finite", key=name, found=value)
+            if not SMALLEST_SIZE <= value <= LARGEST_SIZE:
+                limits = f"must be positive, from {SMALLEST_SIZE:g} to {LARGEST_SIZE:g} mm or rad"
+                raise InputError(limits, key=name, found=value)

@@ -233,8 +233,8 @@ def test_two_variance_components_are_estimated_without_bias() -> None:
 
 
 def test_noise_and_factor_are_the_maximum_of_the_restricted_likelihood() -> None:
-    """-2 log L = log|V| + r^T V^-1 r with V of noise and sizes, by brute force around the estimate; and its Cauchy law
-    of half width 15 % on the factor."""
+    """-2 log L = log|V| + r^T V^-1 r with V of noise and sizes, by brute force around the estimate; and Cauchy laws of
+    half width 15 % on the factor, and of a factor of three on the noises' ratio at a lever of 200 mm."""
     model = arm_model()
     data = measure(model, random_errors(model, np.random.default_rng(3)), 12, np.random.default_rng(4), 0.05, 3e-4)
     found = fitted(model, data)
@@ -246,6 +246,7 @@ def test_noise_and_factor_are_the_maximum_of_the_restricted_likelihood() -> None
         noise = np.tile(model.measurement.per_component({"position": position, "orientation": orientation}), len(data))
         v = np.diag(noise**2) + factor**2 * (j * model.parameters.scales**2) @ j.T
         prior = 2 * np.log1p((np.log(factor) / np.log(1.15)) ** 2)
+        prior += 2 * np.log1p((np.log(200 * orientation / position) / np.log(3)) ** 2)
         return float(np.linalg.slogdet(v)[1] + observed @ np.linalg.solve(v, observed) + prior)
 
     at = np.array([found.sigmas["position"], found.sigmas["orientation"], found.factor])

@@ -19,12 +19,14 @@ from symcal.calibration.identify import Calibration, calibrate
 from symcal.calibration.simulate import Noise, simulate
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Fit, Options, fit
+from symcal.fit.noise import Loss
 from symcal.fit.residual_rows import rows_of
 from symcal.fit.whitened import FREEDOM
 from symcal.model.model import Model, Task, build_model
 from symcal.robot.robot import Robot
 from symcal.runs.data import measurements
 from symcal.runs.load import load
+from symcal.solvers import SOLVERS
 
 COUNT = 24
 
@@ -197,3 +199,42 @@ def test_twenty_random_poses_of_a_measured_robot(
         ratios.append(after / offsets)
     assert max(ratios) <= 1.02
     assert np.median(ratios) <= 0.85
+
+
+@pytest.mark.parametrize("loss", ["huber", "cauchy"])
+def test_a_robust_noise_does_not_fall_to_nothing_on_few_poses(loss: Loss) -> None:
+    """Clean data: weights that fall to zero must not take the noise with them."""
+    ratios, inside = [], []
+    for seed in range(0, 24, 2):  # pose measurements
+        case = draw(seed)
+        few = replace(case, data=case.data.take(np.arange(12)))
+        found = identified(few, Options(loss=loss))
+        assert found.after.converged
+        sigmas, noise = found.after.sigmas, case.noise
+        ratios.append([sigmas["position"] / noise.position, sigmas["orientation"] / noise.orientation])
+        known = found.after.posterior
+        own = [known.names.index(name) for name in case.model.offsets]
+        index = case.model.parameters.indices(case.model.offsets)
+        inside.append(np.abs(found.after.x - case.truth)[index] < known.half_widths()[own])
+    assert np.min(ratios) > 0.3
+    assert 0.7 < np.median(ratios, axis=0).min() <= np.median(ratios, axis=0).max() < 1.4
+    assert np.mean(inside) > 0.85
+
+
+def test_few_poses_of_two_quantities_are_not_refused_by_chance() -> None:
+    """Eight poses leave many equations: neither noise falls to nothing."""
+    for seed in range(0, 24, 2):
+        case = draw(seed)
+        found = identified(replace(case, data=case.data.take(np.arange(8))))
+        assert 0.2 < found.after.sigmas["position"] / case.noise.position < 6
+
+
+def test_ipopt_ends_where_the_others_do_when_noise_is_tiny() -> None:
+    case = draw(2)
+    there = replace(case.model, setup=case.setup)
+    errors = case.model.parameters.mapping(case.truth)
+    exact = simulate(there, errors, case.data.q, Noise("normal", 1e-3, 5e-6), np.random.default_rng(0))
+    fits = [identified(replace(case, data=exact), Options(solver=name)).after for name in SOLVERS]
+    assert all(found.converged for found in fits)
+    for found in fits[1:]:
+        assert np.abs((found.x - fits[0].x)[: len(case.model.kinematic)]).max() < 1e-6

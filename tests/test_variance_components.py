@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import approx_fprime, minimize
 
-from symcal.fit.variance_components import Block, at_variances, compressed, most_likely
+from symcal.fit.variance_components import Block, Tie, at_variances, compressed, most_likely
 
 FLAT, SIZED, COUNTS = 3, 6, (40, 25)  # fixed effects, random effects, rows of two noise groups
 TRUTH = np.log([0.04, 4.0, 2.25])  # variances of the noise groups and of the sizes
@@ -165,6 +165,21 @@ def test_a_width_adds_a_cauchy_law_about_one(width: float) -> None:
     witness = minimize(value, found.phi + 0.1, method="BFGS")
     assert value(found.phi) <= witness.fun + 1e-9
     assert found.phi == pytest.approx(witness.x, abs=5e-3)
+
+
+def test_a_tie_adds_a_cauchy_law_about_a_difference() -> None:
+    model = drawn(5)
+    tie = Tie(0, 1, 0.7, 0.4)
+
+    def value(phi: np.ndarray) -> float:
+        return model.dense(phi)[0] + 2 * float(np.log(1 + ((phi[1] - phi[0] - 0.7) / 0.4) ** 2))
+
+    for phi in (np.zeros(3), np.array([1.0, -1.0, 0.3]), np.array([0.0, 2.0, -1.0])):
+        mine, zero = (at_variances(model.blocks, model.known, p, (tie,)) for p in (phi, TRUTH))
+        assert mine.value - zero.value == pytest.approx(value(phi) - value(TRUTH))
+        assert mine.slope == pytest.approx(approx_fprime(phi, value), rel=1e-4, abs=1e-3)
+    found = most_likely(model.blocks, model.known, TRUTH, (tie,), tolerance=1e-9)
+    assert found.phi == pytest.approx(minimize(value, found.phi + 0.1, method="BFGS").x, abs=5e-3)
 
 
 def test_nothing_unknown_is_a_model_too() -> None:

@@ -17,7 +17,6 @@ from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Options
 from symcal.model.model import Model, Task, build_model
-from symcal.solvers.least_squares import Tolerances
 
 BOTH = frozenset({"base", "tool"})
 
@@ -152,6 +151,12 @@ def test_one_size_stated_far_too_small_does_not_hold_its_error_back() -> None:
     assert found.after.sigmas["position"] == pytest.approx(0.05, rel=0.1)
 
 
-def test_a_fit_that_did_not_converge_is_told() -> None:
-    said = notes(good("pose"), "pose", Options(tolerances=Tolerances(0.0, 0.0, 0.0, iterations=1)))
-    assert "the identification did not converge: stopped" in said
+def test_a_fit_that_did_not_converge_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("symcal.fit.estimation._ROUNDS", 1)
+    assert "the identification did not converge: stopped" in notes(good("pose"), "pose")
+
+
+def test_wrong_noise_of_one_group_is_told_where_the_other_is_found() -> None:
+    said = notes(good("pose"), "pose", Options(sigma={"position": 0.5}))
+    assert re.search(r"position residuals are 0\.\d+ times the stated noise: the noise is stated too large", said)
+    assert "orientation residuals" not in said

@@ -154,4 +154,6 @@ def calibrated_robot(model: Model, result: Fit) -> Robot:
         nominal_tool=result.setup.tool,
         provenance=provenance,
     )
-    return replace(model.robot.corrected(kinematic), base=setup.base, tool=setup.tool, record=record)
+    scales = {p.name: p.scale for p in model.parameters.items if p.name in model.task.scales and not p.unknown}
+    robot = replace(model.robot, scales={**model.robot.scales, **scales})
+    return replace(robot.corrected(kinematic), base=setup.base, tool=setup.tool, record=record)

@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 _STANDS_OUT = 4.0  # medians: a residual larger than this is one slip that spoils the others
 _OUTLIER = 1e-6  # probability that one good observation is called an outlier
 _ABSURD = 20.0  # scales: a correction larger than this is a mistake more often than a fact
+_WRONG_NOISE = 1.5  # residuals over stated noise
 _LARGER = 3.0  # factor on the plausible sizes that a reader is told
 _NONSENSE = 0.1  # of the robot's length
 _NONSENSE_TURN = np.deg2rad(20.0)
@@ -106,11 +107,11 @@ def quality(model: Model, data: Dataset, after: Fit) -> tuple[str, ...]:
             f"corrections of {', '.join(large)} are more than {_ABSURD:.0f} times their plausible scale: check signs, "
             "units and zero positions, or give larger 'scales'"
         )
-    if not after.estimated and after.dof > 0:
-        factor = float(np.sqrt(after.chi_squared / after.dof))
-        if factor > 1.5 or factor < 0.67:
+    for name, (squares, dof) in after.by_group.items():
+        factor = float(np.sqrt(squares / dof)) if dof > 1 and name not in after.estimated else 1.0
+        if factor > _WRONG_NOISE or factor < 1 / _WRONG_NOISE:
             notes.append(
-                f"residuals are {factor:.3g} times the stated noise: the noise is stated too "
+                f"{name} residuals are {factor:.3g} times the stated noise: the noise is stated too "
                 + ("small, or the model lacks something" if factor > 1 else "large")
             )
     return tuple(notes)

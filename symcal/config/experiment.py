@@ -207,7 +207,10 @@ class IdentificationConfig(Strict):
     @model_validator(mode="before")
     @classmethod
     def _in_short(cls, data: Any) -> Any:
-        if isinstance(data, dict) and isinstance(data.get("scales"), str) and "scale_factor" not in data:
+        if isinstance(data, dict) and isinstance(data.get("scales"), str):
+            if "scale_factor" in data:
+                message = "'scales: {word}' and 'scale_factor' speak of the same thing: give one of them"
+                raise PydanticCustomError("scales", message, {"word": data["scales"]})
             return {**data, "scales": {}, "scale_factor": data["scales"]}
         return data
 

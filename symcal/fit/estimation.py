@@ -25,6 +25,7 @@ from symcal.fit.identifiability import Identifiability, analyse, numerical_rank
 from symcal.fit.noise import Loss, known_sigma, unknown_noise
 from symcal.fit.posterior import Posterior, posterior_of
 from symcal.fit.residual_rows import Rows
+from symcal.fit.variance_components import Components
 from symcal.fit.variances import VarianceModel, Variances
 from symcal.fit.whitened import whitened
 from symcal.instruments import Setup
@@ -68,6 +69,7 @@ class Fit:
     posterior: of the free parameters. identifiability: at the estimate, for the sizes as stated.
     dof: equations less the effective number of parameters learnt from them (the trace of the projection).
     chi_squared: sum of squared whitened residuals; about ``dof`` when the noise is right.
+    by_group: chi_squared and dof of every noise group.
     weights: robust weight of every residual component, shape (N, m), 1 without robust loss, 0 where nothing was
         measured.
     path: x at the start and after every accepted step, shape (k + 1, n).
@@ -84,6 +86,7 @@ class Fit:
     equations: int
     dof: float
     chi_squared: float
+    by_group: Mapping[str, tuple[float, float]]
     identifiability: Identifiability
     posterior: Posterior
     solution: Solution
@@ -135,9 +138,8 @@ def fit(
         raise RefusedError("the model gives no finite number at the first guess: check joint readings and units")
     check_redundancy(rows, free, bool(estimated))
     sized = options.scales == "estimated" and bool(system.sized.any())
-    return _Search(VarianceModel(system, known, missing, estimated, sized, options.loss), options).best(
-        reference, nested
-    )
+    model = VarianceModel(system, known, missing, estimated, sized, options.loss, hold=options.loss == "cauchy")
+    return _Search(model, options).best(reference, nested)
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +152,7 @@ class _Search:
     def best(self, start: Array, nested: Sequence[Array]) -> Fit:
         """The fit from ``start``, or from a nested estimate that the objective prefers to where that one ended."""
         path = [start]
-        x, variances, settled = self._rounds(start, None, path)
+        x, variances, settled = self._first(start, path)
         for _ in nested:
             better = self._better(nested, x, variances)
             if better is None:
@@ -164,6 +166,18 @@ class _Search:
         elif self._better(nested, x, variances) is not None:
             trouble = "failed: a model with fewer parameters explains the data better"
         return self._finished(x, variances, solution, path, trouble)
+
+    def _first(self, start: Array, path: list[Array]) -> tuple[Array, Variances, bool]:
+        """The first rounds; Cauchy's weights start from where Huber's ended and keep that noise.
+
+        Weights that fall to zero would let the noise fall with them, to where the model passes through half of the
+        measurements (an MM estimate, [Yohai1987]).
+        """
+        if self.options.loss != "cauchy":
+            return self._rounds(start, None, path)
+        convex = replace(self, model=replace(self.model, loss="huber", hold=False))
+        x, variances, _ = convex._rounds(start, None, path)
+        return self._rounds(x, variances, path)
 
     def _better(self, nested: Sequence[Array], x: Array, variances: Variances) -> Array | None:
         """The nested estimate of least objective, if that is less than the objective at x."""
@@ -238,6 +252,7 @@ class _Search:
             equations=equations,
             dof=equations - model.learnt(x, variances, found),
             chi_squared=float(data[:, -1] @ data[:, -1]),
+            by_group=self._by_group(x, variances, found),
             identifiability=analyse(white, parameters, system.free),
             posterior=posterior_of(system.free, system.scales, found, blocks, assumed),
             solution=solution,
@@ -245,6 +260,17 @@ class _Search:
             path=np.array(path),
             trouble=trouble,
         )
+
+    def _by_group(self, x: Array, variances: Variances, found: Components) -> dict[str, tuple[float, float]]:
+        """Chi-squared and degrees of freedom of every noise group."""
+        out, spread = {}, self.model.spread(variances)
+        for group in self.model.system.rows.measurement.groups:
+            own = np.full_like(spread, np.inf)
+            own[:, list(group.columns)] = spread[:, list(group.columns)]
+            rows = self.model.system.data_rows(x, own)
+            taken = float(np.sum((rows[:, :-1] @ found.root) ** 2))
+            out[group.name] = float(rows[:, -1] @ rows[:, -1]), len(rows) - taken
+        return out
 
 
 def check_redundancy(rows: Rows, free: tuple[str, ...], estimated: bool) -> None:

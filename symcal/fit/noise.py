@@ -56,22 +56,22 @@ def _blocks(group: Group, values: NDArray[Any]) -> NDArray[Any]:
 
 
 def block_sigmas(
-    rows: Rows, residual: Array, missing: NDArray[np.bool_], estimated: tuple[str, ...], learnt: float
+    rows: Rows, residual: Array, missing: NDArray[np.bool_], taken: Mapping[str, float]
 ) -> dict[str, float]:
     """Robust sigma per group: the median, over observations, of norm / sqrt(median of chi-squared).
 
     Args:
-        missing: components whose noise is not known, shape (N, m). learnt: effective number of parameters that the
-            equations have determined, which makes residuals smaller than the noise.
+        missing: components whose noise is not known, shape (N, m). taken: by group, how many of their equations the
+            parameters have taken: that makes residuals smaller than the noise.
     """
     out: dict[str, float] = {}
-    equations = int(rows.seen.sum())
     for group in rows.measurement.groups:
-        if group.name in estimated:
+        if group.name in taken:
             unknown = _blocks(group, missing)
             size = unknown.sum(axis=2)
             norms = np.linalg.norm(np.where(unknown, _blocks(group, residual), 0.0), axis=2)[size > 0]
-            expected = np.sqrt(stats.chi2.median(size[size > 0]) * max(equations - learnt, 1) / equations)
+            count = int(unknown.sum())
+            expected = np.sqrt(stats.chi2.median(size[size > 0]) * max(count - taken[group.name], 1) / count)
             out[group.name] = max(float(np.median(norms / expected)), group.floor)
     return out
 

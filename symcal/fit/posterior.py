@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 MOST_DOF = 1e6
 """Degrees of freedom from which on Student's t is the normal law."""
+FEWEST = 2.5
+"""Degrees of freedom with which an rms is foretold where there are fewer."""
 _FEWEST_DOF = 1.0
 
 
@@ -70,12 +72,19 @@ class Posterior:
         return self._half(np.sqrt(np.maximum(variance, 0.0)), self._dof(variance, slopes), confidence)
 
     def predicted_rms(self, jacobian: Array) -> Array:
-        """Expected rms error sqrt(tr(J C J^T)) at each pose, shape (N,); without the noise of a measurement.
+        """Expected rms error at each pose, shape (N,); without the noise of a measurement.
+
+        sqrt(tr(J C J^T) nu / (nu - 2)), the second factor because Student's t has longer tails than the normal law: it
+        tells where noise or sizes are known badly. With two degrees of freedom or fewer it would be infinite, and is
+        taken at ``FEWEST`` instead.
 
         Args:
             jacobian: dh/dx of what is asked about, shape (N, k, n), mm (or rad) per unit.
         """
-        return predicted_rms(jacobian, self.covariance)
+        variance = predicted_rms(jacobian, self.covariance) ** 2
+        slopes = np.einsum("pki,bij,pkj->bp", jacobian, self.slopes, jacobian, optimize=True)
+        dof = np.maximum(self._dof(variance, slopes), FEWEST)
+        return np.asarray(np.sqrt(variance * dof / (dof - 2)))
 
     def _dof(self, variance: Array, slopes: Array) -> Array:
         spread = np.einsum("b...,bc,c...->...", slopes, self.uncertainty, slopes, optimize=True)

@@ -15,7 +15,7 @@ plausible size this is their marginal likelihood, since a proper prior is the sa
 
 H = T A^-1 T^T the projection and F / 2 the Fisher information of phi: the maximum is found by Fisher scoring with a
 line search on L itself. The last term, ours, is a Cauchy law of half width w about zero for a variance that is thought
-to be one unless the data clearly say otherwise; it is left out for others.
+to be one unless the data clearly say otherwise; it is left out for others. A `Tie` is the same for a difference.
 
 Source: [Patterson1971], [Harville1977] for REML; [Kass1989] for what the uncertainty of phi adds to that of y.
 """
@@ -54,6 +54,19 @@ class Block:
 
 
 @dataclass(frozen=True, slots=True)
+class Tie:
+    """Two log variances that are thought to differ by ``gap``: a Cauchy law of half width ``width`` about that."""
+
+    first: int
+    second: int
+    gap: float
+    width: float
+
+    def off(self, phi: Array) -> float:
+        return float(phi[self.second] - phi[self.first]) - self.gap
+
+
+@dataclass(frozen=True, slots=True)
 class Components:
     """The model at given log variances.
 
@@ -81,7 +94,7 @@ def compressed(rows: Array) -> Array:
     return np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
 
 
-def at_variances(blocks: Sequence[Block], known: Array, phi: Array) -> Components:
+def at_variances(blocks: Sequence[Block], known: Array, phi: Array, ties: Sequence[Tie] = ()) -> Components:
     """The model at log variances ``phi``.
 
     Args:
@@ -103,6 +116,13 @@ def at_variances(blocks: Sequence[Block], known: Array, phi: Array) -> Component
     fisher = np.array([[np.sum(a * b) for b in grams] for a in grams]).reshape(len(blocks), len(blocks))
     fisher[np.diag_indices(len(blocks))] += counts - 2 * traces + prior
     slope = counts - traces - np.array([v @ v for v in left]) + prior * phi
+    tied = 0.0
+    for tie in ties:
+        off, pair = tie.off(phi), [tie.first, tie.second]
+        pull = 4.0 / (tie.width**2 + off**2)
+        tied += 2 * np.log1p((off / tie.width) ** 2)
+        slope[pair] += pull * off * np.array([-1.0, 1.0])
+        fisher[np.ix_(pair, pair)] += pull * np.array([[1.0, -1.0], [-1.0, 1.0]])
     low, high = np.array([block.lowest for block in blocks]), np.array([block.highest for block in blocks])
     return Components(
         phi=phi,
@@ -111,6 +131,7 @@ def at_variances(blocks: Sequence[Block], known: Array, phi: Array) -> Component
             + 2 * np.log(np.abs(np.diag(upper))).sum()
             + triangle[n, n] ** 2
             + 2 * np.log1p((phi / widths) ** 2).sum()
+            + tied
         ),
         slope=slope,
         fisher=fisher,
@@ -121,14 +142,16 @@ def at_variances(blocks: Sequence[Block], known: Array, phi: Array) -> Component
     )
 
 
-def most_likely(blocks: Sequence[Block], known: Array, start: Array, *, tolerance: float) -> Components:
+def most_likely(
+    blocks: Sequence[Block], known: Array, start: Array, ties: Sequence[Tie] = (), *, tolerance: float
+) -> Components:
     """The log variances of largest marginal likelihood, from one start by Fisher scoring.
 
     Args:
         tolerance: change of a log variance that ends the search.
     """
     low, high = np.array([b.lowest for b in blocks]), np.array([b.highest for b in blocks])
-    now = at_variances(blocks, known, np.clip(start, low, high))
+    now = at_variances(blocks, known, np.clip(start, low, high), ties)
     if not blocks:
         return now
     floor = _RIDGE * np.array([max(b.count, 1) for b in blocks])
@@ -142,7 +165,7 @@ def most_likely(blocks: Sequence[Block], known: Array, start: Array, *, toleranc
         while True:
             trial = np.clip(now.phi + length * step, low, high)
             moved = trial - now.phi
-            there = at_variances(blocks, known, trial)
+            there = at_variances(blocks, known, trial, ties)
             if np.abs(moved).max() <= tolerance:
                 return there if there.value < now.value else now
             if there.value <= now.value + _ARMIJO * float(now.slope @ moved):

@@ -14,15 +14,20 @@ from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
 from symcal.fit.noise import Loss, block_sigmas, robust_weights
-from symcal.fit.variance_components import Block, Components, at_variances, compressed, most_likely
+from symcal.fit.variance_components import Block, Components, Tie, at_variances, compressed, most_likely
 from symcal.fit.whitened import Whitened
 
 Array = NDArray[np.float64]
 
 _SMALLEST_FACTOR, _LARGEST_FACTOR = 0.1, 1e3
+_DOUBTFUL_FACTOR = 3.0  # largest one where few equations cannot tell large errors from what the model lacks
+_MANY = 3  # equations per parameter that can
 _FACTORS = (1.0, 5.0, 0.2)  # common factors of the sizes from which the first search starts
 _LEFT_OVER = 0.5  # equations of a noise group that must be left to tell it by
 _SMALL = 1e-3  # noise that counts as small beside residuals
+_TIE_WIDTH = 2 * float(np.log(3.0))
+"""Noise of positions and orientations of one instrument: alike at its lever within a factor of three (half width of a
+Cauchy law), which decides only where hardly anything is left over to tell one of them by. Ours."""
 _FACTOR_WIDTH = 2 * np.log(1.15)
 """Stated sizes hold unless the data clearly contradict them: a Cauchy law of half width 15 % for the logarithm of their
 common factor (here of the log variance). Its long tails let go of sizes that are wrong by a factor of two or more, its
@@ -60,6 +65,8 @@ class VarianceModel:
     estimated: tuple[str, ...]
     factor_estimated: bool
     loss: Loss
+    hold: bool = False
+    """Robust weights alone are found: the noise stays."""
 
     @property
     def settled(self) -> bool:
@@ -82,8 +89,9 @@ class VarianceModel:
         variances = Variances(stated | dict.fromkeys(self.estimated, np.nan), 1.0, self.system.rows.seen.astype(float))
         names, blocks, fixed = self._blocks(x, variances, self.estimated)
         starts = [self._start(names, blocks, fixed, f) for f in (_FACTORS if self.factor_estimated else (1.0,))]
-        start = min(starts, key=lambda phi: at_variances(blocks, fixed, phi).value) if starts[1:] else starts[0]
-        return self._named(names, most_likely(blocks, fixed, start, tolerance=tolerance), variances)
+        ties = self._ties(names)
+        start = min(starts, key=lambda phi: at_variances(blocks, fixed, phi, ties).value) if starts[1:] else starts[0]
+        return self._named(names, most_likely(blocks, fixed, start, ties, tolerance=tolerance), variances)
 
     def next(self, x: Array, last: Variances, tolerance: float) -> Variances:
         """Variances (and robust weights) for the model linearised at x, from the last ones."""
@@ -91,7 +99,8 @@ class VarianceModel:
         if robust:
             last = self._robust(x, last)
         names, blocks, fixed = self._blocks(x, last, () if robust else self.estimated)
-        return self._named(names, most_likely(blocks, fixed, self._phi(names, last), tolerance=tolerance), last)
+        found = most_likely(blocks, fixed, self._phi(names, last), self._ties(names), tolerance=tolerance)
+        return self._named(names, found, last)
 
     def at(self, x: Array, variances: Variances) -> tuple[Components, tuple[Block, ...]]:
         """The model linearised at x, its variances as they are.
@@ -100,16 +109,36 @@ class VarianceModel:
             RefusedError: the model passes through the measurements, and no residual tells their noise.
         """
         names, blocks, fixed = self._blocks(x, variances, self.estimated)
-        found = at_variances(blocks, fixed, self._phi(names, variances))
-        for name, block, phi in zip(names, blocks, found.phi, strict=True):
-            taken = float(np.sum((block.rows[:, :-1] @ found.root) ** 2)) * np.exp(-phi)
-            if name != _FACTOR and block.count - taken < _LEFT_OVER:
+        found = at_variances(blocks, fixed, self._phi(names, variances), self._ties(names))
+        for name, taken in self._taken(names, blocks, found).items():
+            columns = self._columns(name)
+            if float(variances.weights[:, columns][self.missing[:, columns]].sum()) - taken < _LEFT_OVER:
                 raise RefusedError(
                     f"{len(self.system.rows.data)} poses leave nothing to tell the noise of the {name} by: the model "
                     "passes through all of it; measure more poses (three times as many are sensible), state the noise, "
                     "or hold parameters with 'fix'"
                 )
         return found, tuple(blocks)
+
+    def _taken(self, names: list[str], blocks: list[Block], found: Components) -> dict[str, float]:
+        """By noise group, the trace of its own projection: how many of its equations the parameters have taken."""
+        return {
+            name: float(np.sum((block.rows[:, :-1] @ found.root) ** 2)) * float(np.exp(-phi))
+            for name, block, phi in zip(names, blocks, found.phi, strict=True)
+            if name != _FACTOR
+        }
+
+    def _ties(self, names: list[str]) -> tuple[Tie, ...]:
+        """Noise of the groups of one instrument goes together: one of them alone cannot fall to nothing."""
+        alike = {g.name: g.alike for g in self.system.rows.measurement.groups}
+        groups = [i for i, name in enumerate(names) if name != _FACTOR]
+        return tuple(
+            Tie(groups[0], i, 2 * float(np.log(alike[names[i]] / alike[names[groups[0]]])), _TIE_WIDTH)
+            for i in groups[1:]
+        )
+
+    def _columns(self, name: str) -> list[int]:
+        return list(next(g.columns for g in self.system.rows.measurement.groups if g.name == name))
 
     def learnt(self, x: Array, variances: Variances, found: Components) -> float:
         """Effective number of parameters that the measurements determine: the trace of their projection."""
@@ -120,8 +149,12 @@ class VarianceModel:
         """Noise from the median of the residuals, then the weights that go with it."""
         rows = self.system.rows
         residual, _ = rows(x)
-        learnt = self.learnt(x, variances, self.at(x, variances)[0])
-        sigmas = variances.sigmas | block_sigmas(rows, residual, self.missing, self.estimated, learnt)
+        sigmas = variances.sigmas
+        if not self.hold:
+            found, blocks = self.at(x, variances)
+            names = [*self.estimated, *([_FACTOR] if self.factor_estimated else [])]
+            taken = self._taken(names, list(blocks), found)
+            sigmas = sigmas | block_sigmas(rows, residual, self.missing, taken)
         return replace(variances, sigmas=sigmas, weights=robust_weights(rows, residual, self.known, sigmas, self.loss))
 
     def _blocks(self, x: Array, variances: Variances, groups: tuple[str, ...]) -> tuple[list[str], list[Block], Array]:
@@ -139,9 +172,9 @@ class VarianceModel:
         fixed = system.known_rows(x, residual, jacobian, known, variances.weights)
         sizes = system.size_rows(x)
         if self.factor_estimated:
-            blocks.append(
-                Block(sizes, len(sizes), 2 * np.log(_SMALLEST_FACTOR), 2 * np.log(_LARGEST_FACTOR), _FACTOR_WIDTH)
-            )
+            many = int(system.rows.seen.sum()) >= _MANY * len(system.free)
+            largest = 2 * np.log(_LARGEST_FACTOR if many else _DOUBTFUL_FACTOR)
+            blocks.append(Block(sizes, len(sizes), 2 * np.log(_SMALLEST_FACTOR), largest, _FACTOR_WIDTH))
         else:
             fixed = np.vstack([fixed, sizes])
         return [*groups, *([_FACTOR] if self.factor_estimated else [])], blocks, compressed(fixed)

@@ -74,6 +74,8 @@ class Group:
     """Components of one observation: residuals are judged by the norm over ``block`` consecutive columns."""
     floor: float
     """Noise of data that have none: rounding."""
+    alike: float = 1.0
+    """Noise that goes with one unit of noise of the measurement's first group, roughly."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -110,6 +110,6 @@ def _groups(kind: Kind, features: int) -> tuple[Group, ...]:
     groups, first = [], 0
     for quantity in kind.quantities:
         columns = tuple(rows * k + first + i for k in range(features) for i in range(quantity.size))
-        groups.append(Group(quantity.noise, quantity.unit, columns, quantity.size, quantity.floor))
+        groups.append(Group(quantity.noise, quantity.unit, columns, quantity.size, quantity.floor, quantity.alike))
         first += quantity.size
     return tuple(groups)

@@ -20,13 +20,15 @@ from symcal.instruments.protocol import Array, Draw, Quantity, Unit
 
 SX = ca.SX
 
+_LEVER = 200.0  # mm: as far apart are the marks from which attitudes are commonly measured
+
 
 @dataclass(frozen=True, slots=True)
 class Pose:
     name: str = "pose"
     quantities: tuple[Quantity, ...] = (
         Quantity("position", "mm", 3, 1e-9, ("sigma_x", "sigma_y", "sigma_z"), "sigma"),
-        Quantity("orientation", "rad", 3, 1e-12, ("sigma_rx", "sigma_ry", "sigma_rz"), "sigma_rot"),
+        Quantity("orientation", "rad", 3, 1e-12, ("sigma_rx", "sigma_ry", "sigma_rz"), "sigma_rot", 1 / _LEVER),
     )
     columns: tuple[tuple[str, Unit | None], ...] = (
         *((c, "mm") for c in "xyz"),

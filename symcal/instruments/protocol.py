@@ -28,6 +28,7 @@ class Quantity:
     """Residual components of one feature that share a noise sigma.
 
     noise: name of the sigma. size: how many components. floor: noise of data that have none (rounding), in the unit.
+    alike: noise of this quantity that goes with 1 mm, 1 rad or 1 px of the first one of the kind, roughly.
     sigma_columns: names of their sigmas in tables. sigma_column: that of one sigma for all of them.
     """
 
@@ -37,6 +38,7 @@ class Quantity:
     floor: float
     sigma_columns: tuple[str, ...]
     sigma_column: str
+    alike: float = 1.0
 
 
 class Kind(Protocol):

@@ -15,6 +15,8 @@ from symcal.solvers.least_squares import Array, Problem, Solution, Status, Toler
 
 _NO_TOLERANCES = Tolerances()
 
+_ROUNDING = 1e-10  # of the cost
+
 _STATUS = {
     "Solve_Succeeded": Status.GRADIENT,
     "Solved_To_Acceptable_Level": Status.COST,
@@ -102,7 +104,21 @@ def ipopt(problem: Problem, tolerances: Tolerances = _NO_TOLERANCES) -> Solution
     if reason is not None:  # also the end of a problem without unknowns
         return finish(*reason)
     status = _run(problem, tolerances, visited, points)
-    return finish(_STATUS.get(status, Status.FAILED), f"IPOPT: {status.replace('_', ' ').lower()}")
+    words = f"IPOPT: {status.replace('_', ' ').lower()}"
+    found = _STATUS.get(status, Status.FAILED)
+    if not found.converged and _settled(*problem.evaluate(points[-1])):
+        found = Status.STALLED
+    return finish(found, words)
+
+
+def _settled(residual: Array, jacobian: Array) -> bool:
+    """Would even the full Gauss-Newton step lower the cost by no more than rounding can tell?
+
+    IPOPT's own test is on the gradient, which rounding keeps from its tolerance where costs are large.
+    """
+    step = np.linalg.lstsq(jacobian, -residual)[0]
+    gain = 0.5 * float(np.sum((jacobian @ step) ** 2))
+    return bool(np.isfinite(step).all()) and gain <= _ROUNDING * cost_of(residual)
 
 
 def _run(problem: Problem, tolerances: Tolerances, visited: _Visited, points: list[Array]) -> str:
@@ -122,11 +138,15 @@ def _run(problem: Problem, tolerances: Tolerances, visited: _Visited, points: li
         j = visited(y)[1]
         return [ca.triu(ca.DM(float(weight) * (j.T @ j)))]
 
+    costs: list[float] = []
+
     def accepted(y: ca.DM, *_: ca.DM) -> list[ca.DM]:
         x = np.asarray(y, dtype=float).ravel() * width
         if not np.array_equal(x, points[-1]):
             points.append(x)
-        return [ca.DM(0)]
+        costs.append(cost_of(visited(y)[0]))
+        done = len(costs) > 1 and 0 <= costs[-2] - costs[-1] <= tolerances.cost * costs[-2]
+        return [ca.DM(int(done))]
 
     value = _External("cost", {"x": column}, {"f": scalar}, cost)
     gradient = _External("gradient", {"x": column, "p": none}, {"f": scalar, "grad_f_x": column}, slope)

@@ -125,7 +125,7 @@ def _sigma(value: float, places: int) -> str:
 
 def _gate(doubts: Sequence[str]) -> str:
     if not doubts:
-        return "The identification converged and no correction is implausibly large: the calibration may go to a controller."
+        return "The identification converged and no correction is implausibly large: it may go to a controller."
     return f"These numbers should not go to a controller as they are: {'; '.join(doubts)}."
 
 

@@ -27,6 +27,17 @@ SMALLEST_SIZE, LARGEST_SIZE = 1e-9, 1e6
 FRAME_AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
+def check_size(name: str, value: float) -> None:
+    """Refuse a size or prior (mm, rad) that cannot be meant.
+
+    Raises:
+        InputError: with the parameter's name as its key.
+    """
+    if not SMALLEST_SIZE <= value <= LARGEST_SIZE:
+        limits = f"must be positive, from {SMALLEST_SIZE:g} to {LARGEST_SIZE:g} mm or rad"
+        raise InputError(limits, key=name, found=value)
+
+
 def link_name(kind: str, link: int) -> str:
     """Name of a link parameter, such as `theta_1`; links count from one."""
     return f"{kind}_{link}"
@@ -164,6 +175,4 @@ class ParameterSet:
         for name, value in values.items():
             if name not in self.names:
                 raise InputError("no such parameter", found=name, allowed=self.names)
-            if not SMALLEST_SIZE <= value <= LARGEST_SIZE:
-                limits = f"must be positive, from {SMALLEST_SIZE:g} to {LARGEST_SIZE:g} mm or rad"
-                raise InputError(limits, key=name, found=value)
+            check_size(name, value)

@@ -11,12 +11,22 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import symcal
+from symcal import spatial
 from symcal.errors import InputError
 from symcal.instruments import KINDS, Kind, kind_named
-from symcal.instruments.protocol import slopes_of
 
 PACKAGE = Path(symcal.__file__).parent
 SX = ca.SX
+
+
+def slopes_of(kind: Kind, rotation: SX, point: SX, reading: SX | None, own: SX) -> tuple[SX, SX]:
+    """`Kind.slopes` by automatic differentiation, at a twist of zero."""
+    reading = kind.predict(rotation, point, own) if reading is None else reading
+    twist, numbers = SX.sym("twist", 6), SX.sym("own", len(kind.own))
+    moved = kind.residual(rotation + spatial.skew(twist[:3]) @ rotation, point + twist[3:], reading, numbers)
+    by_twist, by_own = ca.jacobian(moved, twist), ca.jacobian(moved, numbers)
+    both = ca.substitute([by_twist, by_own], [twist, numbers], [SX.zeros(6), own])
+    return both[0], both[1]
 
 
 def named(node: ast.AST) -> bool:

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 def target_points(state: State, q: Array) -> Array:
     """The target's (or tool's) points in world as a state has them, shape (N, k, 3), mm, at joint readings (N, dof)."""
-    return _points(state.model, q, state.x, state.setup.vector)[0].reshape(len(q), -1, 3)
+    return state.model.points(q, state.x, state.setup.vector)[0].reshape(len(q), -1, 3)
 
 
 def centres(points: Array) -> Array:
@@ -40,14 +40,8 @@ def aligned_errors(predicted: Array, truth: Array) -> Errors:
 
 def expected_centre_rms(model: Model, result: Fit, q: Array) -> Array:
     """Predicted rms error of the target's centre at each pose after one rigid alignment of all, shape (N,), mm."""
-    points, slopes = _points(model, q, result.x, result.setup.vector)
+    points, slopes = model.points(q, result.x, result.setup.vector)
     index = model.parameters.indices(result.free)
     centre = points.reshape(len(q), -1, 3).mean(axis=1)
     jacobian = slopes.reshape(len(q), -1, 3, slopes.shape[-1]).mean(axis=1)[:, :, index]
     return result.posterior.predicted_rms(without_rigid_motion(centre, jacobian))
-
-
-def _points(model: Model, q: Array, x: Array, setup: Array) -> tuple[Array, Array]:
-    """Points, shape (N, 3 k), and their Jacobian, shape (N, 3 k, n)."""
-    points, slopes = model.points(q, x, setup)
-    return points, slopes

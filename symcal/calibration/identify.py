@@ -14,7 +14,7 @@ from symcal.calibration.warnings import plausibility, quality
 from symcal.data.dataset import Dataset
 from symcal.errors import InputError, RefusedError
 from symcal.fit.estimation import Fit, Options, check_redundancy, fit
-from symcal.fit.noise import unknown_noise
+from symcal.fit.noise import known_sigma, unknown_noise
 from symcal.fit.residual_rows import rows_of
 from symcal.instruments import Setup
 from symcal.model.model import Model, Part, State, Task, build_model
@@ -87,7 +87,8 @@ def _calibrate(model: Model, baseline: Model | None, data: Dataset, options: Opt
         raise RefusedError("no pose is marked for training")
     if model.task.scene is None:  # with a camera that nobody has placed yet the rows say nothing
         start = rows_of(model.measurement, train, model.setup, model.residual)
-        check_redundancy(start, (*model.kinematic, *model.placement), bool(unknown_noise(start, options.sigma)))
+        estimated = unknown_noise(start, known_sigma(start, options.sigma))
+        check_redundancy(start, (*model.kinematic, *model.placement), bool(estimated))
     setup = place(model, train, options)
     rows = rows_of(model.measurement, train, setup, model.residual)
     at = stated(model, setup)

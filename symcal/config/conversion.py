@@ -25,7 +25,7 @@ from symcal.errors import InputError
 from symcal.fit.estimation import Options
 from symcal.instruments.registry import kind_named
 from symcal.model.model import Scene, Task, pixels_task
-from symcal.parameters import LARGEST_SIZE, SMALLEST_SIZE
+from symcal.parameters import check_size
 from symcal.robot.robot import Robot
 from symcal.solvers.least_squares import Tolerances
 from symcal.units import LENGTH
@@ -139,9 +139,10 @@ def task_of(file: ExperimentFile, document: Document, robot: Robot) -> Task:
                 key = ("identification", section, name)
                 raise document.error("no such parameter in this experiment", key, found=name, allowed=known)
             converted[section][name] = value * units.factor(known[name])
-            if not SMALLEST_SIZE <= converted[section][name] <= LARGEST_SIZE:
-                message = f"must be positive, from {SMALLEST_SIZE:g} to {LARGEST_SIZE:g} mm or rad"
-                raise document.error(message, ("identification", section, name), found=value)
+            try:
+                check_size(name, converted[section][name])
+            except InputError as error:
+                raise document.error(error.message, ("identification", section, name), found=value) from None
     for index, name in enumerate(i.fix):
         if name not in known:
             where: Key = ("identification", "fix", index)

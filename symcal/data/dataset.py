@@ -15,9 +15,8 @@ Array = NDArray[np.float64]
 class Dataset:
     """N measured poses of one robot.
 
-    kind: of instrument, by its name. q: joint readings, shape (N, dof), rad and mm. z: what the instrument gave, shape
-    (N, nz); NaN where a point was
-        not seen.
+    kind: of instrument, by its name. q: joint readings, shape (N, dof), rad and mm.
+    z: what the instrument gave, shape (N, nz); NaN where a point was not seen.
     sigma: standard deviation of every residual component, shape (N, m), mm, rad and px; NaN where the file gives none.
     covariance: of the residual components of every pose, shape (N, m, m), where they are correlated: it then stands for
         the noise instead of ``sigma``. Directions without variance are exact by construction and say nothing.

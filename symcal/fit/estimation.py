@@ -132,12 +132,12 @@ def fit(
     system = whitened(rows, free, reference, nothing if prior_mean is None else prior_mean)
     known = known_sigma(rows, options.sigma)
     missing = np.isnan(known) & rows.seen
-    estimated = unknown_noise(rows, options.sigma)
+    estimated = unknown_noise(rows, known)
     residual, _ = rows(reference)
     if not np.isfinite(residual).all():
         raise RefusedError("the model gives no finite number at the first guess: check joint readings and units")
     check_redundancy(rows, free, bool(estimated))
-    sized = options.scales == "estimated" and bool(system.sized.any())
+    sized = options.scales == "estimated" and bool(system.before.sized.any())
     model = VarianceModel(system, known, missing, estimated, sized, options.loss, hold=options.loss == "cauchy")
     return _Search(model, options).best(reference, nested)
 
@@ -236,11 +236,12 @@ class _Search:
         rows, parameters = system.rows, system.rows.measurement.parameters
         found, blocks = model.at(x, variances)
         data = system.data_rows(x, model.spread(variances))
-        assumed = np.where(system.sized, variances.factor, 1.0) * system.assumed
-        white = np.zeros((len(data) + len(system.prior), len(parameters)))
+        before = system.before
+        assumed = np.where(before.sized, variances.factor, 1.0) * before.assumed
+        white = np.zeros((len(data) + len(before.stated), len(parameters)))
         white[: len(data), system.index] = data[:, :-1] / system.scales
-        white[len(data) :, system.index] = system.prior
-        equations = int(rows.seen.sum())
+        white[len(data) :, system.index] = before.stated
+        by_group = self._by_group(x, variances, found)
         return Fit(
             x=x,
             free=system.free,
@@ -249,10 +250,10 @@ class _Search:
             estimated=model.estimated,
             factor=variances.factor,
             factor_estimated=model.factor_estimated,
-            equations=equations,
-            dof=equations - model.learnt(x, variances, found),
-            chi_squared=float(data[:, -1] @ data[:, -1]),
-            by_group=self._by_group(x, variances, found),
+            equations=int(rows.seen.sum()),
+            dof=sum(dof for _, dof in by_group.values()),
+            chi_squared=sum(squares for squares, _ in by_group.values()),
+            by_group=by_group,
             identifiability=analyse(white, parameters, system.free),
             posterior=posterior_of(system.free, system.scales, found, blocks, assumed),
             solution=solution,

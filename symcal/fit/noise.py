@@ -33,16 +33,16 @@ def known_sigma(rows: Rows, stated: Mapping[str, float]) -> Array:
     return known
 
 
-def unknown_noise(rows: Rows, stated: Mapping[str, float]) -> tuple[str, ...]:
-    """The groups of which some measured component has no known sigma."""
-    missing = np.isnan(known_sigma(rows, stated)) & rows.seen
+def unknown_noise(rows: Rows, known: Array) -> tuple[str, ...]:
+    """The groups of which some measured component has no known sigma (see `known_sigma`)."""
+    missing = np.isnan(known) & rows.seen
     return tuple(g.name for g in rows.measurement.groups if missing[:, list(g.columns)].any())
 
 
 def spread_of(rows: Rows, known: Array, sigmas: Mapping[str, float], weights: Array) -> Array:
     """Standard deviation used for whitening, shape (N, m).
 
-    Infinite where nothing was measured or a robust weight is zero.
+    Infinite where nothing was measured or a robust weight is zero, NaN where no sigma is given.
     """
     groups = rows.measurement.per_component({g.name: sigmas.get(g.name, np.nan) for g in rows.measurement.groups})
     sigma = np.where(np.isfinite(known), known, groups)

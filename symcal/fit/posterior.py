@@ -30,8 +30,8 @@ class Posterior:
     """Normal posterior of the free parameters (mm, rad, px), with Student t tails.
 
     names: of the n free parameters. covariance: shape (n, n). assumed: standard deviation before the data, shape (n,).
-    learnt: share of each parameter that came from the data, 0 to 1: one minus the
-    ratio of its variances after and before.
+    learnt: share of each parameter that came from the data, 0 to 1: one minus the ratio of its variances after and
+        before.
     slopes: derivatives of the covariance by the log variances, shape (b, n, n); uncertainty: of those, V, shape (b, b).
     """
 

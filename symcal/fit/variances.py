@@ -1,8 +1,8 @@
 """Unknown variances of a fit: noise of each group, one factor on the plausible sizes, and robust weights.
 
 For the model linearised at an estimate they are those of largest marginal likelihood
-(`symcal.fit.variance_components`). With a robust loss the noise comes from the median of the residuals
-instead, and the weights with it.
+(`symcal.fit.variance_components`). With a robust loss the noise comes from the median of the residuals instead, and the
+weights with it.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
-from symcal.fit.noise import Loss, block_sigmas, robust_weights
+from symcal.fit.noise import Loss, block_sigmas, robust_weights, spread_of
 from symcal.fit.variance_components import Block, Components, Tie, at_variances, compressed, most_likely
 from symcal.fit.whitened import Whitened
+from symcal.instruments import Group
 
 Array = NDArray[np.float64]
 
@@ -82,7 +83,7 @@ class VarianceModel:
 
     def spread(self, variances: Variances) -> Array:
         """Standard deviation that whitens each component, shape (N, m); infinite where it does not count."""
-        return self.system.spread(self.known, variances.sigmas, variances.weights)
+        return spread_of(self.system.rows, self.known, variances.sigmas, variances.weights)
 
     def first(self, x: Array, stated: dict[str, float], tolerance: float) -> Variances:
         """Variances for the model linearised at x when nothing is known of them, without robust weights."""
@@ -111,7 +112,7 @@ class VarianceModel:
         names, blocks, fixed = self._blocks(x, variances, self.estimated)
         found = at_variances(blocks, fixed, self._phi(names, variances), self._ties(names))
         for name, taken in self._taken(names, blocks, found).items():
-            columns = self._columns(name)
+            columns = list(self._group(name).columns)
             if float(variances.weights[:, columns][self.missing[:, columns]].sum()) - taken < _LEFT_OVER:
                 raise RefusedError(
                     f"{len(self.system.rows.data)} poses leave nothing to tell the noise of the {name} by: the model "
@@ -137,13 +138,8 @@ class VarianceModel:
             for i in groups[1:]
         )
 
-    def _columns(self, name: str) -> list[int]:
-        return list(next(g.columns for g in self.system.rows.measurement.groups if g.name == name))
-
-    def learnt(self, x: Array, variances: Variances, found: Components) -> float:
-        """Effective number of parameters that the measurements determine: the trace of their projection."""
-        data = self.system.data_rows(x, self.spread(variances))
-        return float(np.sum((data[:, :-1] @ found.root) ** 2))
+    def _group(self, name: str) -> Group:
+        return next(g for g in self.system.rows.measurement.groups if g.name == name)
 
     def _robust(self, x: Array, variances: Variances) -> Variances:
         """Noise from the median of the residuals, then the weights that go with it."""
@@ -161,15 +157,10 @@ class VarianceModel:
         """Names and blocks of unknown variance, the noise of ``groups`` among them, and the rows of known variance."""
         system = self.system
         residual, jacobian = system.rows(x)
-        known = self.known.copy()
-        for group in system.rows.measurement.groups:
-            if group.name in self.estimated and group.name not in groups:
-                columns = list(group.columns)
-                known[:, columns] = np.where(
-                    np.isnan(known[:, columns]), variances.sigmas[group.name], known[:, columns]
-                )
+        sigmas = {name: sigma for name, sigma in variances.sigmas.items() if name not in groups}
+        spread = spread_of(system.rows, self.known, sigmas, variances.weights)
         blocks = [self._noise_block(name, residual, jacobian, variances.weights) for name in groups]
-        fixed = system.known_rows(x, residual, jacobian, known, variances.weights)
+        fixed = np.vstack([system.picked(residual, jacobian, spread), system.prior_rows(x)])
         sizes = system.size_rows(x)
         if self.factor_estimated:
             many = int(system.rows.seen.sum()) >= _MANY * len(system.free)
@@ -180,7 +171,7 @@ class VarianceModel:
         return [*groups, *([_FACTOR] if self.factor_estimated else [])], blocks, compressed(fixed)
 
     def _noise_block(self, name: str, residual: Array, jacobian: Array, weights: Array) -> Block:
-        group = next(g for g in self.system.rows.measurement.groups if g.name == name)
+        group = self._group(name)
         columns = list(group.columns)
         mask = np.zeros_like(self.missing)
         mask[:, columns] = self.missing[:, columns] & (weights[:, columns] > 0)

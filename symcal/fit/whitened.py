@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.fit.noise import spread_of
 from symcal.fit.residual_rows import Rows
 from symcal.parameters import ParameterSet
 
@@ -17,90 +15,6 @@ Array = NDArray[np.float64]
 FREEDOM = 1e3
 """Frames, points and camera have a prior of so many of their scales (1 m and 10 rad by default): they are nearly free,
 and what they share unseen with a link parameter is theirs."""
-
-
-@dataclass(frozen=True, slots=True)
-class Whitened:
-    """What does not change during a fit.
-
-    index: the n free parameters in the vector. scales: diagonal of S, shape (n,). sized: which have a plausible size as
-    their prior; free ones have a very wide one and others, with stated priors, neither. assumed: standard deviation of
-    each before the data, without the common factor, mm or rad.
-    prior: whitened rows of stated priors by the free parameters (mm, rad), shape (k, n).
-    """
-
-    rows: Rows
-    free: tuple[str, ...]
-    reference: Array
-    index: NDArray[np.intp]
-    scales: Array
-    sized: NDArray[np.bool_]
-    nearly_free: NDArray[np.bool_]
-    assumed: Array
-    prior: Array
-    prior_mean: Array
-
-    def at(self, y: Array) -> Array:
-        """x_ref + S y, shape of the whole vector."""
-        x = self.reference.copy()
-        x[self.index] += self.scales * y
-        return x
-
-    def scaled(self, x: Array) -> Array:
-        """y of x."""
-        return np.asarray((x - self.reference)[self.index] / self.scales)
-
-    def spread(self, known: Array, sigmas: Mapping[str, float], weights: Array) -> Array:
-        """Standard deviation that whitens each component, shape (N, m); infinite where it does not count."""
-        return spread_of(self.rows, known, sigmas, weights)
-
-    def data_rows(self, x: Array, spread: Array) -> Array:
-        """Whitened [J S, r] of the measurements, shape (k, n + 1)."""
-        residual, jacobian = self.rows(x)
-        return self.picked(residual, jacobian, spread)
-
-    def rows_at(self, x: Array, spread: Array, factor: float) -> Array:
-        """Whitened [J S, r] of everything, shape (k, n + 1)."""
-        parts = [self.data_rows(x, spread), self.prior_rows(x), self.size_rows(x) / factor]
-        return np.vstack(parts)
-
-    def known_rows(self, x: Array, residual: Array, jacobian: Array, known: Array, weights: Array) -> Array:
-        """Whitened [J S, r] of measurements whose noise is known, and of the priors.
-
-        Args:
-            known: standard deviation of each component, shape (N, m); NaN where it is not known.
-        """
-        counts = self.rows.seen & np.isfinite(known) & (weights > 0)
-        spread = np.full(known.shape, np.inf)
-        spread[counts] = known[counts] / np.sqrt(weights[counts])
-        return np.vstack([self.picked(residual, jacobian, spread), self.prior_rows(x)])
-
-    def prior_rows(self, x: Array) -> Array:
-        """Rows of stated priors, and of the wide ones of frames, shape (k, n + 1)."""
-        stated = np.column_stack([self.prior * self.scales, self.prior @ (x - self.prior_mean)[self.index]])
-        wide = np.flatnonzero(self.nearly_free)
-        return np.vstack([stated, self._unit_rows(wide, x) / FREEDOM])
-
-    def size_rows(self, x: Array) -> Array:
-        """Rows of the plausible sizes as they are stated, shape (k, n + 1)."""
-        return self._unit_rows(np.flatnonzero(self.sized), x)
-
-    def _unit_rows(self, which: NDArray[np.intp], x: Array) -> Array:
-        rows = np.zeros((len(which), len(self.free) + 1))
-        rows[np.arange(len(which)), which] = 1.0
-        rows[:, -1] = self.scaled(x)[which]
-        return rows
-
-    def picked(self, residual: Array, jacobian: Array, spread: Array) -> Array:
-        """Whitened [J S, r] of the components of finite ``spread``, shape (k, n + 1)."""
-        keep = np.flatnonzero(np.isfinite(spread).ravel())
-        inverse = 1 / spread.ravel()[keep]
-        out = np.empty((len(keep), len(self.free) + 1))
-        out[:, :-1] = jacobian.reshape(residual.size, -1)[np.ix_(keep, self.index)]
-        out[:, :-1] *= self.scales
-        out[:, -1] = residual.ravel()[keep]
-        out *= inverse[:, None]
-        return out
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,20 +50,81 @@ def beforehand(parameters: ParameterSet, free: tuple[str, ...]) -> Beforehand:
     return Beforehand(stated, ~wide & ~told, wide, assumed)
 
 
+@dataclass(frozen=True, slots=True)
+class Whitened:
+    """What does not change during a fit.
+
+    index: the n free parameters in the vector. scales: diagonal of S, shape (n,). before: what is known of them
+    beforehand, without the common factor. prior_mean: where stated priors are centred.
+    """
+
+    rows: Rows
+    free: tuple[str, ...]
+    reference: Array
+    index: NDArray[np.intp]
+    scales: Array
+    before: Beforehand
+    prior_mean: Array
+
+    def at(self, y: Array) -> Array:
+        """x_ref + S y, shape of the whole vector."""
+        x = self.reference.copy()
+        x[self.index] += self.scales * y
+        return x
+
+    def scaled(self, x: Array) -> Array:
+        """y of x."""
+        return np.asarray((x - self.reference)[self.index] / self.scales)
+
+    def data_rows(self, x: Array, spread: Array) -> Array:
+        """Whitened [J S, r] of the measurements, shape (k, n + 1)."""
+        residual, jacobian = self.rows(x)
+        return self.picked(residual, jacobian, spread)
+
+    def rows_at(self, x: Array, spread: Array, factor: float) -> Array:
+        """Whitened [J S, r] of everything, shape (k, n + 1)."""
+        parts = [self.data_rows(x, spread), self.prior_rows(x), self.size_rows(x) / factor]
+        return np.vstack(parts)
+
+    def prior_rows(self, x: Array) -> Array:
+        """Rows of stated priors, and of the wide ones of frames, shape (k, n + 1)."""
+        prior = self.before.stated
+        stated = np.column_stack([prior * self.scales, prior @ (x - self.prior_mean)[self.index]])
+        wide = np.flatnonzero(self.before.nearly_free)
+        return np.vstack([stated, self._unit_rows(wide, x) / FREEDOM])
+
+    def size_rows(self, x: Array) -> Array:
+        """Rows of the plausible sizes as they are stated, shape (k, n + 1)."""
+        return self._unit_rows(np.flatnonzero(self.before.sized), x)
+
+    def _unit_rows(self, which: NDArray[np.intp], x: Array) -> Array:
+        rows = np.zeros((len(which), len(self.free) + 1))
+        rows[np.arange(len(which)), which] = 1.0
+        rows[:, -1] = self.scaled(x)[which]
+        return rows
+
+    def picked(self, residual: Array, jacobian: Array, spread: Array) -> Array:
+        """Whitened [J S, r] of the components of finite ``spread``, shape (k, n + 1)."""
+        keep = np.flatnonzero(np.isfinite(spread).ravel())
+        inverse = 1 / spread.ravel()[keep]
+        out = np.empty((len(keep), len(self.free) + 1))
+        out[:, :-1] = jacobian.reshape(residual.size, -1)[np.ix_(keep, self.index)]
+        out[:, :-1] *= self.scales
+        out[:, -1] = residual.ravel()[keep]
+        out *= inverse[:, None]
+        return out
+
+
 def whitened(rows: Rows, free: tuple[str, ...], reference: Array, prior_mean: Array) -> Whitened:
     """The system of the free parameters; the others stay at ``reference``."""
     parameters = rows.measurement.parameters
     index = parameters.indices(free)
-    known = beforehand(parameters, free)
     return Whitened(
         rows=rows,
         free=free,
         reference=reference,
         index=index,
         scales=parameters.scales[index],
-        sized=known.sized,
-        nearly_free=known.nearly_free,
-        assumed=known.assumed,
-        prior=known.stated,
+        before=beforehand(parameters, free),
         prior_mean=prior_mean,
     )

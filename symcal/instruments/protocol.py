@@ -14,8 +14,6 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal import spatial
-
 SX = ca.SX
 Array = NDArray[np.float64]
 Unit = Literal["mm", "rad", "px"]
@@ -92,13 +90,3 @@ class Kind(Protocol):
 
     def retract(self, reading: Array, noise: Mapping[str, Draw]) -> Array:
         """Readings (N, k, len(columns)) with noise, by name of the sigma."""
-
-
-def slopes_of(kind: Kind, rotation: SX, point: SX, reading: SX | None, own: SX) -> tuple[SX, SX]:
-    """`Kind.slopes` by automatic differentiation, at a twist of zero; right where the residual is smooth there."""
-    reading = kind.predict(rotation, point, own) if reading is None else reading
-    twist, numbers = SX.sym("twist", 6), SX.sym("own", len(kind.own))
-    moved = kind.residual(rotation + spatial.skew(twist[:3]) @ rotation, point + twist[3:], reading, numbers)
-    by_twist, by_own = ca.jacobian(moved, twist), ca.jacobian(moved, numbers)
-    both = ca.substitute([by_twist, by_own], [twist, numbers], [SX.zeros(6), own])
-    return both[0], both[1]

@@ -40,8 +40,7 @@ class Task:
     """What is measured on a robot and what is to be estimated.
 
     kind: of instrument, by its name (`symcal.instruments.registry`); invert: pose data are T_tool_world (eye in hand).
-    estimate: parts whose place
-        is unknown.
+    estimate: parts whose place is unknown.
     points: tool points in the tool frame by name, mm (position); coordinates of points to be estimated may be anything.
     scene: of `pixels` (see `pixels_task`): the tool is then the target's frame, and its points are the target's.
     fix: parameters to hold at nominal. scales, priors: by parameter name, mm or rad.

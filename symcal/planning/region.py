@@ -94,10 +94,11 @@ class Accuracy:
     """Predicted position error over a task region, as a function of a plan's information; made by `region_accuracy`.
 
     function: q -> A V_1 / sqrt(k), shape (3 k, n), mm. mean: average of its square over the region, shape (n, n): what
-    plans are chosen by. everything, everywhere: the same of all p parameters, (3 k, p) and (p, p): what they let
-    expect. hidden_mm: rms position error over the region that directions unseen by the measurement make at their
-    plausible size; it is part of every prediction, and zero when what is unseen does not matter there. aligned: the
-    error is what is left after one rigid alignment of the region.
+        plans are chosen by.
+    everything, everywhere: the same of all p parameters, (3 k, p) and (p, p): what plans let expect.
+    hidden_mm: rms position error over the region that directions unseen by the measurement make at their plausible
+        size; it is part of every prediction, and zero when what is unseen does not matter there.
+    aligned: the error is what is left after one rigid alignment of the region.
     """
 
     region: TaskRegion

@@ -31,9 +31,9 @@ Array = NDArray[np.float64]
 class ErrorFloor:
     """Lower bounds of predicted errors; made by `error_floor`.
 
-    prior: P, shape (n, n), with plausible sizes. terms: per bound (tr(W M_a^-1)^2, max_x tr(V I(x)), V) with V = M_a^-1
-    W M_a^-1; the first is for the mean. logdet_upper_bound: of log det of the mean information per pose, for plans
-    without priors.
+    prior: P, shape (n, n), with plausible sizes.
+    terms: per bound (tr(W M_a^-1)^2, max_x tr(V I(x)), V) with V = M_a^-1 W M_a^-1; the first is for the mean.
+    logdet_upper_bound: of log det of the mean information per pose, for plans without priors.
     """
 
     prior: Array

@@ -6,7 +6,7 @@ The steps as plain functions on frozen objects:
 
     robot = sc.load_robot("robot.yaml")
     data = sc.load_measurements("measurements.csv", robot, "position")
-    calibration = sc.identify(robot, data, sc.Task("position", frozenset({"base", "tool"})))
+    calibration = sc.identify(robot, data, sc.Task.of("position", {"base", "tool"}))
     sc.save_robot(calibration.robot, "calibrated.yaml")
 
 Inside the program lengths are mm and angles rad.
@@ -24,14 +24,13 @@ if TYPE_CHECKING:
     from symcal.calibration.evaluate import statistics as statistics
     from symcal.calibration.identify import Calibration as Calibration
     from symcal.calibration.identify import identify as identify
-    from symcal.calibration.simulate import Noise as Noise
     from symcal.calibration.simulate import simulate as simulate
     from symcal.compensation.compensate import compensate as compensate
     from symcal.compensation.targets import commanded as commanded
     from symcal.compensation.targets import wanted as wanted
     from symcal.data.dataset import Dataset as Dataset
     from symcal.data.measurement_file import load_measurements as load_measurements
-    from symcal.data.measurement_file import save_measurements as save_measurements
+    from symcal.data.saved_measurements import save_measurements as save_measurements
     from symcal.errors import InputError as InputError
     from symcal.errors import RefusedError as RefusedError
     from symcal.errors import SymcalError as SymcalError
@@ -39,8 +38,22 @@ if TYPE_CHECKING:
     from symcal.export import save_json as save_json
     from symcal.export import save_urdf as save_urdf
     from symcal.fit.estimation import Options as Options
-    from symcal.model.model import Task as Task
+    from symcal.instruments import Instrument as Instrument
+    from symcal.instruments import Quantity as Quantity
+    from symcal.instruments import register as register
+    from symcal.instruments.noise import Noise as Noise
+    from symcal.instruments.registry import Component as Component
+    from symcal.instruments.registry import Direction as Direction
+    from symcal.instruments.registry import Distance as Distance
+    from symcal.instruments.registry import Pixels as Pixels
+    from symcal.instruments.registry import Pose as Pose
+    from symcal.instruments.registry import Position as Position
+    from symcal.instruments.registry import Tracker as Tracker
     from symcal.model.model import build_model as build_model
+    from symcal.model.observation import Observation as Observation
+    from symcal.model.observation import Place as Place
+    from symcal.model.observation import Target as Target
+    from symcal.model.task import Task as Task
     from symcal.planning.information import pose_information as pose_information
     from symcal.planning.search import select_poses as select_poses
     from symcal.report import write_report as write_report
@@ -82,9 +95,22 @@ _HOME = {
     "Calibration": "calibration.identify",
     "identify": "calibration.identify",
     "load_measurements": "data.measurement_file",
-    "save_measurements": "data.measurement_file",
-    "Task": "model.model",
+    "save_measurements": "data.saved_measurements",
+    "Task": "model.task",
     "build_model": "model.model",
+    "Observation": "model.observation",
+    "Place": "model.observation",
+    "Target": "model.observation",
+    "Instrument": "instruments",
+    "Quantity": "instruments",
+    "register": "instruments",
+    "Component": "instruments.registry",
+    "Direction": "instruments.registry",
+    "Distance": "instruments.registry",
+    "Pixels": "instruments.registry",
+    "Pose": "instruments.registry",
+    "Position": "instruments.registry",
+    "Tracker": "instruments.registry",
     "pose_information": "planning.information",
     "select_poses": "planning.search",
     "write_report": "report",
@@ -93,7 +119,7 @@ _HOME = {
     "Robot": "robot.robot",
     "load_robot": "robot.robot",
     "save_robot": "robot.robot",
-    "Noise": "calibration.simulate",
+    "Noise": "instruments.noise",
     "simulate": "calibration.simulate",
     "commanded": "compensation.targets",
     "wanted": "compensation.targets",

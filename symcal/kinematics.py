@@ -11,6 +11,7 @@ automatic differentiation gives, with about half the operations (the tests compa
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
@@ -47,6 +48,18 @@ class Screw:
 
 
 @dataclass(frozen=True, slots=True)
+class Station:
+    """A frame in world that moves with the robot or stands still: rotation (3, 3), origin (3,), mm.
+
+    screws: one per parameter: how the frame moves with it.
+    """
+
+    rotation: SX
+    origin: SX
+    screws: tuple[Screw, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Chain:
     """A robot's symbolic forward kinematics.
 
@@ -54,6 +67,7 @@ class Chain:
     frames: the nominal base and tool frames as numbers to be given at evaluation, shape (24,), see `frame_vector`.
     flange, tool: T_world_flange and T_world_tool, shape (4, 4), mm. links: T_world_i of every link frame.
     joint_screws, parameter_screws: one per q and per x (a parameter of a tool *point* moves no frame: zero).
+    stations: where things can stand: `world`, `base`, the frames of the links by their joints' names, `flange`, `tool`.
     """
 
     robot: Robot
@@ -66,6 +80,13 @@ class Chain:
     links: tuple[SX, ...]
     joint_screws: tuple[Screw, ...]
     parameter_screws: tuple[Screw, ...]
+    stations: Mapping[str, Station]
+
+
+def station_names(robot: Robot) -> tuple[str, ...]:
+    """Where things can stand; the names of `Chain.stations`. A joint of a name that is taken lends its link none."""
+    own = ("world", "base", "flange", "tool")
+    return (*own, *(name for name in dict.fromkeys(joint.name for joint in robot.joints) if name not in own))
 
 
 def frame_vector(base: Array, tool: Array) -> Array:
@@ -128,6 +149,10 @@ class _Walk:
         else:
             self._turned, self._constant = self.rotation @ rotation, SX.eye(3)
 
+    def station(self, parameters: ParameterSet) -> Station:
+        """The frame reached so far, with what moved it."""
+        return Station(self.rotation, self.origin, _screws(self.screws, parameters))
+
     @property
     def pose(self) -> SX:
         return ca.vertcat(ca.horzcat(self.rotation, self.origin), SX([[0, 0, 0, 1]]))
@@ -143,14 +168,16 @@ def chain(robot: Robot, parameters: ParameterSet) -> Chain:
     error = dict(zip(parameters.names, ca.vertsplit(x), strict=True)) if len(parameters) else {}
     walk = _Walk(*_frame(frames[:12]))
     walk.increment("base", error)
-    links = []
+    world, base = Station(SX.eye(3), SX(3, 1), _screws({}, parameters)), walk.station(parameters)
+    links, on_links = [], {}
     for i, link in enumerate(robot.links, start=1):
         _walk_link(walk, robot.convention, i, link, q[i - 1], error)
         links.append(walk.pose)
-    flange = walk.pose
+        on_links[link.joint.name] = walk.station(parameters)
+    flange, at_flange = walk.pose, walk.station(parameters)
     walk.place(*_frame(frames[12:]))
     walk.increment("tool", error)
-    still = Screw(SX(3, 1), SX(3, 1), SX(3, 1))
+    tool = walk.station(parameters)
     return Chain(
         robot=robot,
         parameters=parameters,
@@ -161,19 +188,28 @@ def chain(robot: Robot, parameters: ParameterSet) -> Chain:
         tool=walk.pose,
         links=tuple(links),
         joint_screws=tuple(walk.screws[f"q_{i}"] for i in range(1, robot.dof + 1)),
-        parameter_screws=tuple(walk.screws.get(name, still) for name in parameters.names),
+        parameter_screws=_screws(walk.screws, parameters),
+        stations={**on_links, "world": world, "base": base, "flange": at_flange, "tool": tool},
     )
 
 
-def placed(nominal: SX, frame: str, x: dict[str, SX]) -> tuple[SX, SX, dict[str, Screw]]:
-    """A frame in world that is no part of the robot: its rotation, its origin, and the screws of its increments.
+def _screws(found: Mapping[str, Screw], parameters: ParameterSet) -> tuple[Screw, ...]:
+    still = Screw(SX(3, 1), SX(3, 1), SX(3, 1))
+    return tuple(found.get(name, still) for name in parameters.names)
+
+
+def placed(on: Station, nominal: SX, frame: str, parameters: ParameterSet, x: dict[str, SX]) -> Station:
+    """A frame that is no part of the robot's chain, where it stands on a station.
 
     Args:
-        nominal: its upper three rows by columns, shape (12,). x: errors by parameter name; those of ``frame`` count.
+        nominal: its upper three rows by columns in the station's frame, shape (12,). frame: name of its increments.
+        x: errors by parameter name; those of ``frame`` count.
     """
-    walk = _Walk(*_frame(nominal))
+    walk = _Walk(on.rotation, on.origin)
+    walk.place(*_frame(nominal))
     walk.increment(frame, x)
-    return walk.rotation, walk.origin, walk.screws
+    own = zip(parameters.names, on.screws, strict=True)
+    return Station(walk.rotation, walk.origin, tuple(walk.screws.get(name, screw) for name, screw in own))
 
 
 def _walk_link(walk: _Walk, convention: Convention, i: int, link: Link, q: SX, error: dict[str, SX]) -> None:
@@ -226,3 +262,8 @@ def forward(model: Chain) -> ca.Function:
             "parameter_jacobian": ca.vertcat(stack(model.parameter_screws, origin), omegas(model.parameter_screws)),
         },
     )
+
+
+def pose_of(station: Station) -> SX:
+    """T_world_station, shape (4, 4)."""
+    return ca.vertcat(ca.horzcat(station.rotation, station.origin), SX([[0, 0, 0, 1]]))

@@ -53,9 +53,9 @@ def frame_names(frame: str) -> tuple[str, ...]:
     return tuple(f"{frame}_{axis}" for axis in FRAME_AXES)
 
 
-def point_names(point: str) -> tuple[str, ...]:
-    """Names of the coordinates of a tool point, such as `tool_P1_x` to `tool_P1_z`."""
-    return tuple(f"tool_{point}_{axis}" for axis in "xyz")
+def coordinate_names(point: str) -> tuple[str, ...]:
+    """Names of the coordinates of a target's point, such as `tool_P1_x` to `tool_P1_z` of `tool_P1`."""
+    return tuple(f"{point}_{axis}" for axis in "xyz")
 
 
 @dataclass(frozen=True, slots=True)

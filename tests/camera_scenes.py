@@ -11,8 +11,9 @@ from scipy.spatial.transform import Rotation
 from symcal import spatial
 from symcal.camera.camera import Camera, in_image, project_points
 from symcal.camera.target import Target
-from symcal.instruments import Setup
-from symcal.model.model import Model, Scene, build_model, pixels_task
+from symcal.model.measurement import Setup
+from symcal.model.model import Model, build_model
+from symcal.model.task import Scene, pixels_task
 from symcal.placing.scene_placement import flange_poses
 from symcal.robot.robot import Robot, load_robot
 
@@ -44,7 +45,7 @@ T_WORLD_CAMERA = spatial.transform(
 def visible(model: Model, q: np.ndarray, largest: float = 60.0) -> np.ndarray:
     """Poses (mask) whose points are all in the image and face the camera, at nominal."""
     scene, setup = model.task.scene, model.setup
-    poses = spatial.inverse(setup.camera) @ flange_poses(model, q) @ setup.tool
+    poses = spatial.inverse(setup.places["camera"]) @ flange_poses(model, q) @ setup.tool
     points = np.einsum("nij,kj->nki", poses[:, :3, :3], scene.target.points) + poses[:, None, :3, 3]
     normal = poses[:, :3, :3] @ np.array(scene.target.normal)
     cosine = -np.einsum("nki,ni->nk", points, normal) / np.linalg.norm(points, axis=2)
@@ -76,4 +77,4 @@ def small_camera() -> Camera:
 def target_poses(model: Model, q: np.ndarray, x: np.ndarray, setup: Setup) -> np.ndarray:
     """True T_camera_target of a robot with errors x at readings q, camera and mount as in ``setup``."""
     flange = model.flange(q, x, Setup(setup.base, setup.tool).vector)[0]
-    return np.asarray(spatial.inverse(setup.camera) @ flange)
+    return np.asarray(spatial.inverse(setup.places["camera"]) @ flange)

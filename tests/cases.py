@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from symcal.calibration.simulate import Noise, simulate
+from symcal.calibration.simulate import simulate
 from symcal.data.dataset import Dataset
-from symcal.model.model import Model, Task, build_model
+from symcal.instruments.noise import Noise
+from symcal.model.model import Model, build_model
+from symcal.model.task import Task
 from symcal.robot.robot import Joint, Link, Robot, load_robot
 
 ROBOTS = Path(__file__).resolve().parent.parent / "configs" / "robots"
@@ -72,7 +74,7 @@ def handling() -> Robot:
 def handling_model(*points: str, estimate: frozenset[str] = frozenset()) -> Model:
     """The handling robot measured in position; at its last origin when no points are named."""
     places = {"P": (0.0, 0.0, 0.0)} if not points else dict(zip(points, TRIANGLE, strict=True))
-    return build_model(handling(), Task("position", estimate, places))  # type: ignore[arg-type]
+    return build_model(handling(), Task.of("position", estimate, places))  # type: ignore[arg-type]
 
 
 TRIANGLE = ((50.0, 0.0, 100.0), (0.0, 50.0, 100.0), (-30.0, 0.0, 150.0))

@@ -20,11 +20,13 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import ortho_group
 
 from symcal.calibration.identify import Calibration, calibrate
-from symcal.calibration.simulate import Noise, simulate
+from symcal.calibration.simulate import simulate
 from symcal.data.dataset import Dataset
 from symcal.fit.estimation import Options
-from symcal.instruments import Setup
-from symcal.model.model import Model, Task, build_model
+from symcal.instruments.noise import Noise
+from symcal.model.measurement import Setup
+from symcal.model.model import Model, build_model
+from symcal.model.task import Task
 from symcal.robot.robot import Robot
 
 SPECTRA = {
@@ -64,7 +66,7 @@ class Case:
 
 @cache
 def model_of(kind: str) -> Model:
-    return build_model(INDUSTRIAL, Task(kind, frozenset({"base", "tool"})))  # type: ignore[arg-type]
+    return build_model(INDUSTRIAL, Task.of(kind, frozenset({"base", "tool"})))  # type: ignore[arg-type]
 
 
 def draw(seed: int) -> Case:
@@ -116,7 +118,7 @@ def somewhere(model: Model, rng: np.random.Generator) -> Setup:
     tool = np.eye(4)
     tool[:3, :3] = Rotation.from_rotvec(rng.normal(size=3) * 0.2).as_matrix()
     tool[:3, 3] = rng.uniform(20, 150, 3)
-    if model.task.kind == "position":
+    if model.task.observations[0].instrument.reads == "points":
         tool[:3, :3] = np.eye(3)
     return replace(model.setup, base=base, tool=tool)
 
@@ -137,7 +139,9 @@ def best_truncation(case: Case, setup: Setup) -> float:
     index = model.parameters.indices((*model.kinematic, *model.placement))
     scales = model.parameters.scales[index]
     sigma = np.tile(
-        model.measurement.per_component({"position": case.noise.position, "orientation": case.noise.orientation}),
+        model.measurement.per_component(
+            {"position": case.noise.sizes["position"], "orientation": case.noise.sizes["orientation"]}
+        ),
         len(data),
     )
 
@@ -180,12 +184,13 @@ def main(count: int) -> None:
         unsettled += not found.after.converged
         ratio = true_rms(case, found.setup, found.after.x) / best_truncation(case, found.setup)
         ratios[case.spectrum].append(ratio)
-        chi.append((found.after.sigmas["position"] / case.noise.position) ** 2)
+        chi.append((found.after.sigmas["position"] / case.noise.sizes["position"]) ** 2)
         factors.append(found.after.factor)
         if ratio > 2:
             print(
-                f"seed {seed} {case.spectrum} {case.model.task.kind} {len(case.data)} poses: {ratio:.2f} factor "
-                f"{found.after.factor:.2f} sigma {found.after.sigmas['position']:.3f}/{case.noise.position:.3f}"
+                f"seed {seed} {case.spectrum} {case.model.task.observations[0].name} {len(case.data)} poses: "
+                f"{ratio:.2f} factor {found.after.factor:.2f} sigma "
+                f"{found.after.sigmas['position']:.3f}/{case.noise.sizes['position']:.3f}"
             )
     print("all:", summary(np.array([r for each in ratios.values() for r in each])), f"; did not converge: {unsettled}")
     for name, each in ratios.items():

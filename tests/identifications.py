@@ -10,32 +10,53 @@ import numpy as np
 
 from symcal.calibration import results
 from symcal.calibration.compare import compare
-from symcal.calibration.evaluate import Errors, expected_position_rms
+from symcal.calibration.evaluate import Errors, evaluate_each, expected_position_rms
 from symcal.calibration.identify import Calibration, baseline_model, calibrate
-from symcal.calibration.simulate import Noise, concatenate, simulate
+from symcal.calibration.simulate import concatenate, simulate
 from symcal.data.dataset import Dataset
 from symcal.fit.estimation import Options
-from symcal.model.model import Task, build_model
+from symcal.instruments import kind_named
+from symcal.instruments.noise import Noise
+from symcal.model.model import build_model
+from symcal.model.observation import Observation, Place, Target
+from symcal.model.task import Task
 from symcal.robot.robot import load_robot
+from symcal.spatial import transform
+
+Case = tuple[Calibration, Dataset, Mapping[str, Mapping[str, Errors]]]
+
+SMR = Target("smr", Place("flange"), {"P": (40.0, 0.0, 60.0)})
+NOISE = Noise(position=0.05, orientation=2e-4, distance=0.03)
 
 
-def simulated(
-    configs: Path, kind: str, train: int = 30, test: int = 12
-) -> tuple[Calibration, Dataset, Mapping[str, Mapping[str, Errors]]]:
+def simulated(configs: Path, kind: str, train: int = 30, test: int = 12) -> Case:
     """The handling robot with base and tool estimated, 0.05 mm (and 0.2 mrad) of noise."""
+    points = {"P": (40.0, 0.0, 60.0)} if kind == "position" else {}
+    task = Task.of(kind, frozenset({"base", "tool"}), points)  # type: ignore[arg-type]
+    return identified(configs, task, train, test)
+
+
+def wired(configs: Path, *, tracked: bool = False, train: int = 40, test: int = 12) -> Case:
+    """The handling robot and a draw-wire that starts where nobody knows; with a tracker, base unknown, if wanted."""
+    start = transform(np.eye(3), np.array([900.0, -700.0, 300.0]))
+    wire = Observation(kind_named("distance")(), "wire", Place("world", start, unknown=True), SMR)
+    tracker = [Observation(kind_named("position")(), "tracker", target=SMR)] if tracked else []
+    return identified(configs, Task((wire, *tracker), base=tracked), train, test)
+
+
+def identified(configs: Path, task: Task, train: int, test: int) -> Case:
+    """The handling robot with drawn errors, measured, identified and judged."""
     rng = np.random.default_rng(7)
     robot = load_robot(configs / "robots" / "handling_robot.yaml")
-    points = {"P": (40.0, 0.0, 60.0)} if kind == "position" else {}
-    model = build_model(robot, Task(kind, frozenset({"base", "tool"}), points))  # type: ignore[arg-type]
+    model = build_model(robot, task)
     truth = {
         name: rng.normal() * (0.004 if name[0] in "tb" or name.startswith("al") else 0.3) for name in model.kinematic
     }
-    noise = Noise(position=0.05, orientation=2e-4)
     q = rng.uniform(robot.lower, robot.upper, (train + test, robot.dof))
-    seen = simulate(model, truth, q[:train], noise, rng)
+    seen = simulate(model, truth, q[:train], NOISE, rng)
     if not test:
         return (c := calibrate(model, baseline_model(model), seen, Options())), seen, {"train": compare(c, seen)}
-    data = concatenate(seen, simulate(model, truth, q[train:], noise, rng, "test"))
+    data = concatenate(seen, simulate(model, truth, q[train:], NOISE, rng, "test"))
     calibration = calibrate(model, baseline_model(model), data, Options())
     errors = {part: compare(calibration, data.part(part)) for part in ("train", "test")}
     errors["truth"] = compare(calibration, simulate(model, truth, q[train:], Noise(), rng, "test"))
@@ -44,6 +65,12 @@ def simulated(
 
 def content_of(calibration: Calibration, data: Dataset, errors: Mapping[str, Mapping[str, Errors]]) -> dict[str, Any]:
     """The results dictionary that a run writes."""
+    task = calibration.model.task
+    each = {
+        part: {name: evaluate_each(state, data.part(part)) for name, state in calibration.states.items()}
+        for part in ("train", "test")
+        if part in data.split
+    }
     poses = {part: data.split.count(part) for part in ("train", "test") if part in data.split}
     expected = {
         part: float(
@@ -54,7 +81,8 @@ def content_of(calibration: Calibration, data: Dataset, errors: Mapping[str, Map
     return {
         **results.header("trial", "A trial", 7, (), Path()),
         "robot": results.robot_facts(calibration.model.robot),
-        "measurement": results.measurement_facts(calibration.model.task, poses),
+        "measurement": results.measurement_facts(task, poses),
+        "instruments": results.instrument_facts(task, each),
         "warnings": [],
         **results.calibration_facts(calibration),
         "accuracy": {part: results.accuracy_facts(found) for part, found in errors.items()},

@@ -19,10 +19,11 @@ from few_poses import model_of, poses, somewhere
 from scipy import stats
 
 from symcal.calibration.evaluate import without_rigid_motion
-from symcal.calibration.simulate import Noise, simulate
+from symcal.calibration.simulate import simulate
 from symcal.fit.estimation import Options, fit
 from symcal.fit.residual_rows import rows_of
-from symcal.instruments import Setup
+from symcal.instruments.noise import Noise
+from symcal.model.measurement import Setup
 from symcal.model.model import Model
 from symcal.placing.registration import rigid_fit
 
@@ -75,7 +76,7 @@ def cover(kind: str, trials: int, factor: float = 1.0, options: Options = Option
                 np.zeros(len(prior.names)), prior.covariance
             )
         data = simulate(model, parameters.mapping(truth), train, noise, rng)
-        found = fit(rows_of(model.measurement, data, model.setup, model.residual), free, options)
+        found = fit(rows_of(model.measurement, data, model.setup, model.residuals), free, options)
         off = np.abs(found.x - truth)[index]
         points, slopes = predicted(model, found.x, asked)
         exact, _ = predicted(model, truth, asked)
@@ -97,7 +98,7 @@ def predicted(model: Model, x: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, n
     if model.points is not None:
         points, slopes = model.points(q, x, setup)
         return points[:, :3], slopes[:, :3]
-    if model.task.kind == "pose":
+    if model.task.observations[0].instrument.reads == "frame":
         frames, _, slopes = model.flange(q, x, Setup(model.setup.base, model.setup.tool).vector)
         return frames[:, :3, 3], slopes[:, :3]
     points, slopes = model.residual(q, x, setup, np.zeros((len(q), model.measurement.rows)))

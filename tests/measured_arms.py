@@ -12,8 +12,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from symcal.calibration.simulate import Noise, simulate
-from symcal.model.model import Task, build_model
+from symcal.calibration.simulate import simulate
+from symcal.instruments.noise import Noise
+from symcal.model.model import build_model
+from symcal.model.task import Task
 from symcal.robot.robot import Convention, Joint, Link, Robot, save_robot
 
 NOISE = 0.05  # mm, per axis
@@ -65,7 +67,7 @@ def measure(kind: str, convention: Convention, rng: np.random.Generator, train: 
     placed = Robot(nominal.name, convention, nominal.links, base, np.eye(4))
     truth = {n: float(rng.normal() * (0.3 if n[0] in "ad" and n[1] == "_" else 1e-3)) for n in nominal.parameters}
     truth |= {f"theta_{i}": float(np.deg2rad(v)) for i, v in enumerate((1.2, -2.0, 1.5, 2.0, -1.0, 1.8), start=1)}
-    model = build_model(placed, Task("position", points=POINTS))
+    model = build_model(placed, Task.of("position", points=POINTS))
     q = rng.uniform(nominal.lower, nominal.upper, (train + test, 6))
     data = simulate(model, truth, q, Noise("normal", NOISE), rng)
     return Measured(nominal, q, data.z, ("train",) * train + ("test",) * test, truth)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from measured_arms import ARMS, arm
 
-from symcal.model.model import Task, build_model
+from symcal.model.model import build_model
+from symcal.model.task import Task
 from symcal.robot.robot import Link, Robot, load_robot
 from symcal.runs.check import check_model, check_robot, parallel_axes, pose_at_zero
 
@@ -33,7 +34,7 @@ def test_a_full_pose_sees_four_numbers_per_joint_and_six_more(kind, convention):
 
 def test_position_alone_sees_three_fewer():
     """A tool that is a point has no orientation; on the last axis its turn about that axis is not seen either."""
-    task = Task("position", frozenset({"base", "tool"}), {"P": (60.0, 10.0, 130.0)})
+    task = Task.of("position", frozenset({"base", "tool"}), {"P": (60.0, 10.0, 130.0)})
     (seen,) = check_model(build_model(arm("puma", "standard"), task)).seen.values()
     assert seen.numerical_rank == 4 * 6 + 6 - 3
     on_axis = check_robot(arm("puma", "standard")).seen["position, base and tool point unknown"]
@@ -43,7 +44,7 @@ def test_position_alone_sees_three_fewer():
 def test_the_papers_robot_at_nominal(configs):
     """Position of the last origin: four of the fifteen directions of Table I are unseen there."""
     robot = load_robot(configs / "robots" / "handling_robot.yaml")
-    found = check_model(build_model(robot, Task("position")))
+    found = check_model(build_model(robot, Task.of("position")))
     (seen,) = found.seen.values()
     assert seen.numerical_rank == 11
     texts = " ".join(direction.text for direction in seen.unseen())

@@ -7,7 +7,7 @@ import pytest
 
 from symcal.calibration.evaluate import Errors
 from symcal.calibration.warnings import claim, extrapolation
-from symcal.data.dataset import Dataset
+from symcal.data.dataset import Dataset, readings
 
 
 def errors(size: float, poses: int, rng: np.random.Generator, points: int = 2) -> Errors:
@@ -54,7 +54,9 @@ def test_chance_is_called_chance_as_often_as_it_should(rng):
 def poses(train: np.ndarray, test: np.ndarray) -> Dataset:
     q = np.vstack([train, test])
     labels = tuple(str(i) for i in range(len(q)))
-    return Dataset("position", q, np.zeros((len(q), 3)), labels, ("train",) * len(train) + ("test",) * len(test))
+    return Dataset(
+        readings("position", ("P",)), q, np.zeros((len(q), 3)), labels, ("train",) * len(train) + ("test",) * len(test)
+    )
 
 
 def test_poses_of_the_same_kind_are_no_extrapolation(rng):

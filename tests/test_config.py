@@ -8,6 +8,7 @@ import yaml
 
 from symcal.config import conversion as config
 from symcal.errors import InputError
+from symcal.model.model import build_model
 from symcal.robot.robot import load_robot
 from symcal.runs.load import load
 
@@ -61,10 +62,10 @@ def test_numbers_arrive_in_mm_and_rad(write):
     file, document = config.load_experiment(path)
     robot = load_robot(path.parent / "robot.yaml")
     task = config.task_of(file, document, robot)
-    np.testing.assert_allclose(task.points["P"], [10, 0, 60])
+    np.testing.assert_allclose(task.observations[0].target.points["P"], [10, 0, 60])
     assert task.scales == pytest.approx({"a_3": 2.0, "theta_3": np.pi / 180})
     assert task.fix == ("d_1",)
-    assert config.options_of(file).sigma == pytest.approx({"position": 0.05})
+    assert config.options_of(file, build_model(robot, task).measurement).sigma == pytest.approx({"position": 0.05})
     lower, upper = config.area_of(file, document, robot)
     np.testing.assert_allclose(lower, [-np.pi / 2, 100, 0])
     np.testing.assert_allclose(upper, [np.pi / 2, 400, np.pi / 4])

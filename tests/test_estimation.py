@@ -20,7 +20,8 @@ from symcal.fit.estimation import Fit, Options, fit
 from symcal.fit.identifiability import analyse
 from symcal.fit.residual_rows import rows_of
 from symcal.fit.whitened import FREEDOM
-from symcal.model.model import Model, Task, build_model
+from symcal.model.model import Model, build_model
+from symcal.model.task import Task
 from symcal.robot.robot import Robot
 from symcal.solvers import SOLVERS
 from symcal.solvers.least_squares import Tolerances
@@ -32,18 +33,18 @@ KNOWN = Options(sigma={"position": SIGMA}, scales="stated")
 @cache
 def arm_model() -> Model:
     """Six axes measured in pose by an instrument that knows base and tool."""
-    return build_model(ARM, Task("pose"))
+    return build_model(ARM, Task.of("pose"))
 
 
 @cache
 def sized_model(robot: Robot, kind: str, estimate: frozenset[str] = frozenset()) -> Model:
     """With plausible sizes of 0.3 mm and 2 mrad: at those a robot is linear to a small part of the noise."""
     sizes = {name: 0.3 if name[:2] in ("a_", "d_") else 2e-3 for name in robot.parameters}
-    return build_model(robot, Task(kind, estimate, scales=sizes))  # type: ignore[arg-type]
+    return build_model(robot, Task.of(kind, estimate, scales=sizes))  # type: ignore[arg-type]
 
 
 def fitted(model: Model, data: Dataset, options: Options = Options(), **keywords: object) -> Fit:
-    rows = rows_of(model.measurement, data, model.setup, model.residual)
+    rows = rows_of(model.measurement, data, model.setup, model.residuals)
     return fit(rows, model.parameters.names, options, **keywords)  # type: ignore[arg-type]
 
 
@@ -170,7 +171,7 @@ def test_what_is_not_seen_stays_at_nominal_and_keeps_its_size(options: Options) 
     model = handling_model()
     data = measure(model, {"theta_5": 0.4, "d_2": 0.5, "theta_1": 0.01}, 40, np.random.default_rng(1), SIGMA)
     free = tuple(name for name in model.parameters.names if name != "a_5")
-    found = fit(rows_of(model.measurement, data, model.setup, model.residual), free, options)
+    found = fit(rows_of(model.measurement, data, model.setup, model.residuals), free, options)
     k = free.index("theta_5")
     assert found.x[model.parameters.index("theta_5")] == pytest.approx(0.0, abs=1e-12)
     assert found.posterior.sigmas[k] == pytest.approx(found.factor * 0.010, rel=0.02)
@@ -370,7 +371,7 @@ def test_points_that_were_not_seen_count_nowhere() -> None:
 
 def test_priors_are_observations() -> None:
     """Against the stacked linear solution at the estimate; priors make every direction seen."""
-    model = build_model(handling(), Task("position", priors=dict.fromkeys(handling().parameters, 0.004)))
+    model = build_model(handling(), Task.of("position", priors=dict.fromkeys(handling().parameters, 0.004)))
     data = measure(model, TABLE_III, 40, np.random.default_rng(3), SIGMA)
     centre = np.full(15, 1e-3)
     found = fitted(model, data, Options(sigma={"position": SIGMA}), prior_mean=centre)
@@ -412,7 +413,7 @@ def test_without_noise_the_truth_comes_back_to_rounding() -> None:
 def test_nothing_to_estimate_is_a_fit_too() -> None:
     model = handling_model()
     data = measure(model, {}, 10, np.random.default_rng(1), SIGMA)
-    found = fit(rows_of(model.measurement, data, model.setup, model.residual), (), Options())
+    found = fit(rows_of(model.measurement, data, model.setup, model.residuals), (), Options())
     assert (found.dof, found.iterations, found.identifiability.rank) == (30, 0, 0)
     assert found.sigmas["position"] == pytest.approx(np.sqrt(np.mean(measured_error(model, data) ** 2)), rel=1e-6)
 

@@ -17,10 +17,11 @@ from symcal.calibration import compare as module
 from symcal.calibration.compare import compare, cross_validate, folds
 from symcal.calibration.evaluate import evaluate, expected_position_rms, statistics
 from symcal.calibration.identify import calibrate
-from symcal.data.dataset import Dataset
+from symcal.data.dataset import Dataset, readings
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Options
-from symcal.model.model import Model, State, Task, build_model
+from symcal.model.model import Model, State, build_model
+from symcal.model.task import Task
 from symcal.spatial import pose_matrix
 
 POINTS = dict(zip("abc", TRIANGLE, strict=True))
@@ -28,7 +29,7 @@ POINTS = dict(zip("abc", TRIANGLE, strict=True))
 
 @cache
 def model_of(kind: str, estimate: frozenset[str], invert: bool = False) -> Model:
-    return build_model(ARM, Task(kind, estimate, POINTS, invert=invert))  # type: ignore[arg-type]
+    return build_model(ARM, Task.of(kind, estimate, POINTS, invert=invert))  # type: ignore[arg-type]
 
 
 @given(st.lists(st.floats(0, 100), min_size=1, max_size=200))
@@ -76,7 +77,9 @@ def test_errors_of_points_leave_out_what_was_not_seen(rng: np.random.Generator) 
 
 @given(st.integers(2, 60), st.integers(2, 10), st.integers(0, 2**32 - 1))
 def test_folds_are_a_partition_of_nearly_equal_parts(poses: int, count: int, seed: int) -> None:
-    data = Dataset("position", np.zeros((poses, 1)), np.zeros((poses, 3)), ("",) * poses, ("train",) * poses)
+    data = Dataset(
+        readings("position", ("P",)), np.zeros((poses, 1)), np.zeros((poses, 3)), ("",) * poses, ("train",) * poses
+    )
     rng = np.random.default_rng(seed)
     if poses < count:
         with pytest.raises(RefusedError, match="cannot be split"):
@@ -116,7 +119,7 @@ def test_cross_validation_never_trains_on_what_it_is_judged_by(
             mine = errors.vectors[np.isin(errors.pose, held_out)]
             assert np.allclose(mine, expected[name].vectors, atol=1e-12)
     assert sorted(pooled["after"].pose.tolist()) == list(range(40))
-    rms = {name: statistics(e.position).rms for name, e in pooled.items()}
+    rms = {name: statistics(e.size).rms for name, e in pooled.items()}
     assert rms["after"] < 0.5 < rms["before"]
 
 
@@ -134,7 +137,7 @@ def test_predicted_errors_come_true(case: tuple[str, bool]) -> None:
         data = measure(moved, truth, 30, np.random.default_rng(seed), 0.05, 1e-4)
         found = calibrate(model, None, data, Options())
         errors = evaluate(found.states["after"], test)
-        realised.append(np.bincount(errors.pose, errors.position**2) / np.bincount(errors.pose))
+        realised.append(np.bincount(errors.pose, errors.size**2) / np.bincount(errors.pose))
         predicted.append(expected_position_rms(model, found.after, test.q) ** 2)
     ratio = np.sqrt(np.mean(realised, axis=0) / np.mean(predicted, axis=0))
     assert np.mean(ratio) == pytest.approx(1.0, abs=0.12)

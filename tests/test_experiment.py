@@ -12,11 +12,11 @@ from measured_arms import NOISE, POINTS, measure, write_experiment
 from scipy.spatial.transform import Rotation
 
 from symcal.calibration.identify import identify
-from symcal.data.dataset import Dataset
+from symcal.data.dataset import Dataset, readings
 from symcal.errors import InputError, RefusedError
 from symcal.kinematics import chain, forward, frame_vector
-from symcal.model.model import Task
 from symcal.model.parameter_set import parameter_set
+from symcal.model.task import Task
 from symcal.robot.robot import load_robot
 from symcal.runs.run import run
 
@@ -248,8 +248,8 @@ def test_a_gross_error_is_named_not_refused(rng, tmp_path):
 
 def test_data_of_other_points_than_the_task_asks_for(rng):
     measured = measure("puma", "standard", rng, train=10, test=0)
-    data = Dataset("position", measured.q, measured.z, ("",) * 10, measured.split, tuple(POINTS))
-    for task, words in ((Task("position"), "asks for position of P"), (Task("pose"), "asks for pose")):
+    data = Dataset(readings("position", tuple(POINTS)), measured.q, measured.z, ("",) * 10, measured.split)
+    for task, words in ((Task.of("position"), "asks for position of P"), (Task.of("pose"), "asks for pose")):
         with pytest.raises(InputError, match=f"the data are position of SMR1, SMR2, the task {words}"):
             identify(measured.robot, data, task)
 

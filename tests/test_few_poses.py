@@ -16,13 +16,15 @@ from scipy import stats
 
 from symcal.calibration.evaluate import evaluate, expected_position_rms, statistics
 from symcal.calibration.identify import Calibration, calibrate
-from symcal.calibration.simulate import Noise, simulate
+from symcal.calibration.simulate import simulate
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Fit, Options, fit
 from symcal.fit.noise import Loss
 from symcal.fit.residual_rows import rows_of
 from symcal.fit.whitened import FREEDOM
-from symcal.model.model import Model, Task, build_model
+from symcal.instruments.noise import Noise
+from symcal.model.model import Model, build_model
+from symcal.model.task import Task
 from symcal.robot.robot import Robot
 from symcal.runs.data import measurements
 from symcal.runs.load import load
@@ -52,7 +54,7 @@ def test_all_converge() -> None:
 def test_the_noise_is_neither_over_nor_underestimated() -> None:
     """Residuals over the true noise are chi-squared with the degrees of freedom that the fits state."""
     assert in_band(sum(residual_sum(case, f.after) for case, f in sets()), sum(f.after.dof for _, f in sets()))
-    positions = [(f.after.dof, f.after.sigmas["position"] / c.noise.position) for c, f in sets()[1::2]]
+    positions = [(f.after.dof, f.after.sigmas["position"] / c.noise.sizes["position"]) for c, f in sets()[1::2]]
     assert in_band(sum(dof * ratio**2 for dof, ratio in positions), sum(dof for dof, _ in positions))
 
 
@@ -62,7 +64,7 @@ def in_band(value: float, dof: float) -> bool:
 
 def residual_sum(case: Case, found: Fit) -> float:
     """Squared residuals over the true noise."""
-    sizes = {"position": case.noise.position, "orientation": case.noise.orientation}
+    sizes = {"position": case.noise.sizes["position"], "orientation": case.noise.sizes["orientation"]}
     sigma = case.model.measurement.per_component(sizes)
     return float(np.sum((residuals(case.model, found, case) / sigma) ** 2))
 
@@ -90,11 +92,11 @@ def test_no_model_with_fewer_parameters_is_better_in_what_is_minimised() -> None
 def test_where_the_way_from_nominal_leads_nowhere_a_nested_estimate_is_the_start() -> None:
     """A turntable half a turn off, without noise: nominal is a maximum along it, and the gradient there is zero."""
     table = Robot("table", "craig", (revolute(theta=0.0, d=100.0),))
-    model = build_model(table, Task("position", points={"P": (100.0, 0.0, 0.0)}))
+    model = build_model(table, Task.of("position", points={"P": (100.0, 0.0, 0.0)}))
     rng = np.random.default_rng(1)
     data = simulate(model, {"theta_1": np.pi}, rng.uniform(-2, 2, (20, 1)), Noise(), rng)
     options = Options(sigma={"position": 0.05}, scales="stated")
-    rows = rows_of(model.measurement, data, model.setup, model.residual)
+    rows = rows_of(model.measurement, data, model.setup, model.residuals)
     near = model.parameters.vector({"theta_1": 3.0})
     assert fit(rows, model.kinematic, options).x[0] == pytest.approx(0.0, abs=0.1)
     guarded = fit(rows, model.kinematic, options, nested=(np.zeros(2), near))
@@ -107,7 +109,7 @@ def test_where_the_way_from_nominal_leads_nowhere_a_nested_estimate_is_the_start
 
 def test_worse_nested_estimates_change_nothing() -> None:
     case, found = sets()[1]
-    rows = rows_of(case.model.measurement, case.data, found.setup, case.model.residual)
+    rows = rows_of(case.model.measurement, case.data, found.setup, case.model.residuals)
     free = (*case.model.kinematic, *case.model.placement)
     worse = [found.after.x + 0.1 * case.model.parameters.scales, np.full_like(found.after.x, 0.05)]
     plain, guarded = fit(rows, free, Options()), fit(rows, free, Options(), nested=worse)
@@ -193,9 +195,7 @@ def test_twenty_random_poses_of_a_measured_robot(
     for _ in range(10):
         chosen = train.take(np.sort(rng.permutation(len(train))[:20]))
         found = calibrate(experiment.model, None, chosen, experiment.options)
-        after, offsets = (
-            statistics(evaluate(found.states[name], test).position).rms for name in ("after", "offsets_only")
-        )
+        after, offsets = (statistics(evaluate(found.states[name], test).size).rms for name in ("after", "offsets_only"))
         ratios.append(after / offsets)
     assert max(ratios) <= 1.02
     assert np.median(ratios) <= 0.85
@@ -211,7 +211,9 @@ def test_a_robust_noise_does_not_fall_to_nothing_on_few_poses(loss: Loss) -> Non
         found = identified(few, Options(loss=loss))
         assert found.after.converged
         sigmas, noise = found.after.sigmas, case.noise
-        ratios.append([sigmas["position"] / noise.position, sigmas["orientation"] / noise.orientation])
+        ratios.append(
+            [sigmas["position"] / noise.sizes["position"], sigmas["orientation"] / noise.sizes["orientation"]]
+        )
         known = found.after.posterior
         own = [known.names.index(name) for name in case.model.offsets]
         index = case.model.parameters.indices(case.model.offsets)
@@ -226,7 +228,7 @@ def test_few_poses_of_two_quantities_are_not_refused_by_chance() -> None:
     for seed in range(0, 24, 2):
         case = draw(seed)
         found = identified(replace(case, data=case.data.take(np.arange(8))))
-        assert 0.2 < found.after.sigmas["position"] / case.noise.position < 6
+        assert 0.2 < found.after.sigmas["position"] / case.noise.sizes["position"] < 6
 
 
 def test_ipopt_ends_where_the_others_do_when_noise_is_tiny() -> None:

@@ -14,14 +14,14 @@ from cases import TABLE_III, front_half, handling, handling_model
 from scipy.spatial.transform import Rotation
 
 from symcal import spatial
+from symcal.calibration.compensation_check import Handover, hand_over, true_robot
 from symcal.compensation.compensate import REACHED
-from symcal.compensation.handover import Handover, hand_over, true_robot
 from symcal.compensation.targets import tool_pose
 from symcal.export.corrections import corrections
 from symcal.export.results import correction_facts, handover_facts
 from symcal.kernels.batch import batch_function
 from symcal.plots.handover import handover_figures
-from symcal.report import save_figures
+from symcal.plots.save import save_figures
 from symcal.report.handover import handover_text
 from symcal.robot.robot import Record, Robot
 from symcal.runs.run import run
@@ -57,7 +57,7 @@ def perfect() -> Handover:
 
 def test_before_is_what_the_paper_says(perfect: Handover) -> None:
     """4.3 mm in the mean and 5.4 to 5.9 mm at most over the working area."""
-    errors = perfect.before.position
+    errors = perfect.before.size
     assert 4.2 < errors.mean() < 4.4
     assert 5.4 < errors.max() < 5.95
     robot, q = handling(), perfect.compensation.nominal[:50]
@@ -68,7 +68,7 @@ def test_before_is_what_the_paper_says(perfect: Handover) -> None:
 
 def test_a_perfect_model_leaves_only_what_limits_keep_away(perfect: Handover) -> None:
     assert perfect.reached.mean() > 0.98
-    assert perfect.after.position[perfect.reached].max() < 2 * REACHED
+    assert perfect.after.size[perfect.reached].max() < 2 * REACHED
     assert not perfect.worse.any()
     assert set(perfect.statuses) <= {"reached", "joint limit"}
     assert sum(perfect.statuses.values()) == 3000
@@ -82,7 +82,7 @@ def test_errors_of_the_model_stay(rng: np.random.Generator) -> None:
     joints = front_half(300, rng)
     wrong = {**TABLE_III, "d_5": TABLE_III["d_5"] + 0.05}
     found = hand_over(calibrated(wrong), handling().corrected(TABLE_III), joints, rng)
-    left = found.after.position[found.reached]
+    left = found.after.size[found.reached]
     assert left == pytest.approx(0.05, rel=0.05)
 
 
@@ -101,9 +101,9 @@ def test_a_base_that_was_estimated_is_laid_on_the_true_one(rng: np.random.Genera
     truth = handling().corrected(TABLE_III)
     raw = hand_over(calibrated(shifted), truth, joints, rng)
     laid = hand_over(calibrated(shifted), truth, joints, rng, aligned=True)
-    assert raw.after.position[raw.reached].max() > 2
-    assert laid.after.position[laid.reached].max() < 2 * REACHED
-    assert laid.before.position.mean() < raw.before.position.mean()
+    assert raw.after.size[raw.reached].max() > 2
+    assert laid.after.size[laid.reached].max() < 2 * REACHED
+    assert laid.before.size.mean() < raw.before.size.mean()
 
 
 def test_the_true_robot_predicts_the_measurements(rng: np.random.Generator) -> None:
@@ -133,7 +133,7 @@ def content(handover: Handover, robot: Robot) -> dict[str, Any]:
 def test_facts(perfect: Handover) -> None:
     found = content(perfect, calibrated(TABLE_III))["compensation"]
     assert found["without"] == found["before"]
-    assert found["before"]["position_mm"]["mean"] == pytest.approx(perfect.before.position.mean())
+    assert found["before"]["position_mm"]["mean"] == pytest.approx(perfect.before.size.mean())
     assert found["after_reached"]["position_mm"]["count"] == found["status"]["reached"]
     assert found["after_reached"]["position_mm"]["max"] < 2 * REACHED
     assert (found["frame"], found["against"], found["aligned"]) == ("base", "truth", False)
@@ -179,7 +179,7 @@ def test_figures_say_what_they_show(perfect: Handover, tmp_path: Path) -> None:
     away = int((~perfect.reached).sum())
     assert f"{away} poses" in shown[0].caption
     assert f"{away} poses" in shown[1].caption
-    assert f"{perfect.before.position.mean():.2f} mm" in shown[0].caption
+    assert f"{perfect.before.size.mean():.2f} mm" in shown[0].caption
     for picture in save_figures(shown, tmp_path):
         assert picture.file.stat().st_size > 2000
 
@@ -188,7 +188,7 @@ def test_figures_when_nothing_is_reached(rng: np.random.Generator, tmp_path: Pat
     """A single pose far off, and a calibration that found no error at all."""
     truth = handling().corrected(TABLE_III)
     nothing = hand_over(calibrated(dict.fromkeys(TABLE_III, 0.0)), truth, front_half(20, rng), rng)
-    assert nothing.after.position == pytest.approx(nothing.before.position)
+    assert nothing.after.size == pytest.approx(nothing.before.size)
     beyond = hand_over(calibrated({**TABLE_III, "d_2": 400.0}), truth, front_half(20, rng), rng)
     assert not beyond.reached.any()
     assert handover_facts(beyond)["after_reached"] is None

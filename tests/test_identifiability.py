@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from scipy.linalg import null_space, subspace_angles
 
 from symcal.fit.identifiability import Identifiability, analyse, decompose, numerical_rank, sparse_basis
-from symcal.model.model import Task, build_model
+from symcal.model.model import build_model
+from symcal.model.task import Task
 from symcal.parameters import Parameter, ParameterSet
 from symcal.robot.robot import Robot
 
@@ -40,7 +41,7 @@ def at_nominal(robot: Robot, task: Task, poses: np.ndarray) -> tuple[Identifiabi
 
 def of_handling(kind: str, estimate: tuple[str, ...] = (), points: int = 1) -> tuple[Identifiability, np.ndarray]:
     places = {"P": (0.0, 0.0, 0.0)} if points == 1 else dict(zip("abc", TRIANGLE, strict=True))
-    task = Task(kind, frozenset(estimate), places)  # type: ignore[arg-type]
+    task = Task.of(kind, frozenset(estimate), places)  # type: ignore[arg-type]
     return at_nominal(handling(), task, front_half(60, np.random.default_rng(5)))
 
 
@@ -133,7 +134,7 @@ def test_what_the_papers_robot_shows(
 
 def test_a_complete_model_shows_four_per_revolute_joint_two_per_prismatic_and_six() -> None:
     """[Everett1987]. The paper's model is one short: nothing in it moves the elbow sideways from the waist's axis."""
-    everything = Task("pose", frozenset(["base", "tool"]))
+    everything = Task.of("pose", frozenset(["base", "tool"]))
     arm, _ = at_nominal(ARM, everything, anywhere(ARM, 60, np.random.default_rng(1)))
     assert arm.rank == 4 * 6 + 6
     links = list(handling().links)

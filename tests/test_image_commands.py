@@ -17,7 +17,8 @@ from symcal.cli import app
 from symcal.config.scene import read_scene
 from symcal.data.measurement_file import load_measurements
 from symcal.errors import InputError
-from symcal.model.model import Scene, build_model, pixels_task
+from symcal.model.model import build_model
+from symcal.model.task import Scene, pixels_task
 from symcal.robot.robot import save_robot
 from symcal.vision.render import Look, render_board, render_discs
 

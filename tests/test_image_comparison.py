@@ -12,14 +12,16 @@ from scipy.spatial.transform import Rotation
 from symcal import spatial
 from symcal.calibration.aligned import aligned_errors, centres, expected_centre_rms, target_points
 from symcal.calibration.identify import identify
-from symcal.calibration.simulate import Noise, simulate
-from symcal.data.dataset import Dataset
+from symcal.calibration.simulate import simulate
+from symcal.data.dataset import Dataset, readings
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Options, fit
 from symcal.fit.residual_rows import rows_of
 from symcal.images.comparison import compare_ways
 from symcal.images.p3p_data import p3p_positions
-from symcal.model.model import Scene, State, Task, build_model, pixels_task
+from symcal.instruments.noise import Noise
+from symcal.model.model import State, build_model
+from symcal.model.task import Scene, Task, pixels_task
 from symcal.placing.scene_placement import flange_poses
 
 SCENE = Scene(camera(), target(mount=False))
@@ -36,7 +38,7 @@ def case():
 
 
 def rms(errors):
-    return float(np.sqrt(np.mean(errors.position**2)))
+    return float(np.sqrt(np.mean(errors.size**2)))
 
 
 def test_pixels_beat_one_p3p_solution_per_image(case):
@@ -68,8 +70,8 @@ def test_alignment_takes_out_a_rigid_motion_and_nothing_else():
     truth = rng.uniform(-500, 500, (50, 3, 3))
     motion = spatial.transform(Rotation.random(rng=rng).as_matrix(), rng.uniform(-900, 900, 3))
     moved = truth @ motion[:3, :3].T + motion[:3, 3]
-    assert aligned_errors(moved, truth).position.max() < 1e-9
-    stretched = aligned_errors(moved * 1.001, truth).position
+    assert aligned_errors(moved, truth).size.max() < 1e-9
+    stretched = aligned_errors(moved * 1.001, truth).size
     expected = 0.001 * np.linalg.norm(truth - truth.reshape(-1, 3).mean(axis=0), axis=2).ravel()
     np.testing.assert_allclose(stretched, expected, rtol=2e-2)
 
@@ -85,7 +87,7 @@ def test_p3p_positions_are_the_true_ones_and_carry_their_covariance(case):
         labels=tuple(str(i) for i in range(600)),
         split=("train",) * 600,
     )
-    T_camera_target = spatial.inverse(model.setup.camera) @ flange_poses(model, q[:1]) @ model.setup.tool
+    T_camera_target = spatial.inverse(model.setup.places["camera"]) @ flange_poses(model, q[:1]) @ model.setup.tool
     predicted = np.repeat(T_camera_target, 600, axis=0)
     found = p3p_positions(many, camera(), target(), predicted, 0.02)
     points = target().points @ T_camera_target[0, :3, :3].T + T_camera_target[0, :3, 3]
@@ -103,7 +105,7 @@ def test_images_without_all_points_are_named_and_left_out(case):
     model, data, _, _, _ = case
     z = data.z.copy()
     z[4, 2:4] = np.nan
-    predicted = spatial.inverse(model.setup.camera) @ flange_poses(model, data.q) @ model.setup.tool
+    predicted = spatial.inverse(model.setup.places["camera"]) @ flange_poses(model, data.q) @ model.setup.tool
     found = p3p_positions(replace(data, z=z), camera(), target(), predicted, 0.02)
     assert len(found.points) == len(data) - 1
     assert "(4)" in found.notes[0]
@@ -114,14 +116,14 @@ def test_images_without_all_points_are_named_and_left_out(case):
 def test_correlated_noise_is_whitened():
     """With a known covariance the estimate is the generalised least squares one."""
     rng = np.random.default_rng(1)
-    task = Task("position", frozenset({"tool"}), {"P": (0.0, 0.0, 50.0)}, fix=tuple(ROBOT.parameters))
+    task = Task.of("position", frozenset({"tool"}), {"P": (0.0, 0.0, 50.0)}, fix=tuple(ROBOT.parameters))
     model = build_model(ROBOT, task)
     q = rng.uniform(ROBOT.lower, ROBOT.upper, (30, ROBOT.dof))
     roots = rng.normal(size=(30, 3, 3)) * 0.1
     exact = simulate(model, {"tool_x": 0.4, "tool_y": -0.2, "tool_z": 0.1}, q, Noise(), rng)
     z = exact.z + np.einsum("nij,nj->ni", roots, rng.normal(size=(30, 3)))
     covariance = roots @ roots.swapaxes(1, 2)
-    data = Dataset("position", q, z, exact.labels, exact.split, ("P",), covariance=covariance)
+    data = Dataset(readings("position", ("P",)), q, z, exact.labels, exact.split, covariance=covariance)
     found = fit(rows_of(model.measurement, data, model.setup), model.placement, Options())
     (slopes,) = model.jacobian(q, np.zeros(len(model.parameters)), model.setup.vector)
     slopes = slopes[:, :, model.parameters.indices(model.placement)]

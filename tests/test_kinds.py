@@ -3,30 +3,24 @@
 from __future__ import annotations
 
 import ast
+import json
+from functools import partial
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import symcal
-from symcal import spatial
+from symcal.camera.camera import Camera
 from symcal.errors import InputError
-from symcal.instruments import KINDS, Kind, kind_named
+from symcal.instruments import KINDS, Instrument, kind_named, seen_by
 
 PACKAGE = Path(symcal.__file__).parent
 SX = ca.SX
-
-
-def slopes_of(kind: Kind, rotation: SX, point: SX, reading: SX | None, own: SX) -> tuple[SX, SX]:
-    """`Kind.slopes` by automatic differentiation, at a twist of zero."""
-    reading = kind.predict(rotation, point, own) if reading is None else reading
-    twist, numbers = SX.sym("twist", 6), SX.sym("own", len(kind.own))
-    moved = kind.residual(rotation + spatial.skew(twist[:3]) @ rotation, point + twist[3:], reading, numbers)
-    by_twist, by_own = ca.jacobian(moved, twist), ca.jacobian(moved, numbers)
-    both = ca.substitute([by_twist, by_own], [twist, numbers], [SX.zeros(6), own])
-    return both[0], both[1]
+Array = NDArray[np.float64]
 
 
 def named(node: ast.AST) -> bool:
@@ -67,34 +61,109 @@ def test_the_look_finds_what_it_looks_for() -> None:
     assert not any(map(asks_for_a_kind, ast.walk(ast.parse('sigmas["position"]'))))
 
 
-@pytest.mark.parametrize("kind", KINDS.values(), ids=list(KINDS))
-def test_slopes_are_those_of_automatic_differentiation(kind: Kind, rng: np.random.Generator) -> None:
-    """Away from the measured pose, and at a reading that is yet to be taken."""
-    rotation, point = SX.sym("R", 3, 3), SX.sym("p", 3)
-    own, reading = SX.sym("own", len(kind.own)), SX.sym("z", len(kind.columns))
-    numbers = np.array([4600.0, 4610, 1200, 1000, -0.1, 0.1, 1e-3, -2e-3, 0.02])[: len(kind.own)]
-    turn, at = Rotation.random(rng=rng), np.array([100.0, -80.0, 1500.0])
-    symbols = [rotation, point, own]
-    exact = ca.Function("h", symbols, [kind.predict(*symbols)])(turn.as_matrix(), at, numbers).full().ravel()
+def instruments() -> dict[str, Instrument]:
+    """Every registered kind with settings that leave nothing at its default."""
+    lens = Camera(2400, 2000, 4600.0, 4610.0, 1200.0, 1000.0, (-0.1, 0.1, 1e-3, -2e-3, 0.02))
+    skewed = {"a": (0.6, 0.0, 0.8), "b": (0.0, -1.0, 0.0)}
+    special = {
+        "pixels": seen_by(lens, calibrate=True),
+        "distance": kind_named("distance")(offset=35.0),  # type: ignore[call-arg]
+        "component": kind_named("component")(directions=skewed),  # type: ignore[call-arg]
+    }
+    pose = kind_named("pose")
+    return {name: special.get(name, kind()) for name, kind in KINDS.items()} | {
+        f"pose, {axes}": pose(axes=axes)  # type: ignore[call-arg]
+        for axes in ("observer", "observed")
+    }
+
+
+every_kind = pytest.mark.parametrize("kind", instruments().values(), ids=list(instruments()))
+
+
+def predicted(kind: Instrument) -> ca.Function:
+    """The reading as a function of (R, p, own)."""
+    r, p, own = SX.sym("R", 3, 3), SX.sym("p", 3), SX.sym("own", len(kind.own))
+    return ca.Function("h", [r, p, own], [kind.predict(r, p, own)])
+
+
+def a_reading(kind: Instrument, rng: np.random.Generator) -> tuple[ca.Function, tuple[Array, ...], Array]:
+    """The residual as a function of (R, p, z, own), where a feature is, and a reading of it with noise."""
+    r, p, z, own = SX.sym("R", 3, 3), SX.sym("p", 3), SX.sym("z", len(kind.columns)), SX.sym("own", len(kind.own))
+    residual = ca.Function("r", [r, p, z, own], [kind.residual(r, p, z, own)])
+    predict = predicted(kind)
+    at = (Rotation.random(rng=rng).as_matrix(), np.array([100.0, -80.0, 1500.0]), kind.numbers)
     noise = {q.noise: lambda shape: 0.01 * rng.normal(size=shape) for q in kind.quantities}
-    measured = kind.retract(exact[None, None], noise)[0, 0]
-    for z in (reading, None):
-        mine, theirs = kind.slopes(rotation, point, z, own), slopes_of(kind, rotation, point, z, own)
-        both = ca.Function("J", [*symbols, reading], [ca.densify(e) for e in (*mine, *theirs)])
-        a, a_own, b, b_own = (np.array(v) for v in both(turn.as_matrix(), at, numbers, measured))
+    return residual, at, kind.retract(predict(*at).full().reshape(1, 1, -1), noise)[0, 0]
+
+
+@every_kind
+def test_slopes_are_central_differences(kind: Instrument, rng: np.random.Generator) -> None:
+    """Away from the measured pose, and at a reading that is yet to be taken."""
+    residual, (turn, at, own), measured = a_reading(kind, rng)
+    predict = predicted(kind)
+    for z in (measured, None):
+        symbols = [SX.sym("R", 3, 3), SX.sym("p", 3), SX.sym("own", len(kind.own))]
+        reading = None if z is None else SX(z)
+        slopes_of = kind.slopes(symbols[0], symbols[1], reading, symbols[2])
+        both = ca.Function("J", symbols, [ca.densify(e) for e in slopes_of])
+        by_twist, by_own = (np.array(v) for v in both(turn, at, own))
+        given = predict(turn, at, own).full().ravel() if z is None else z
+
+        def moved(step: Array, given: Array = given) -> Array:
+            rotation = Rotation.from_rotvec(step[:3]).as_matrix() @ turn
+            return residual(rotation, at + step[3:6], given, own + step[6:]).full().ravel()
+
+        count = 6 + len(kind.own)
+        sizes = np.array([1e-5] * 3 + [1e-3] * 3 + [1e-3] * 4 + [1e-6] * 5)[:count]
+        slopes = np.array(
+            [(moved(h * e) - moved(-h * e)) / (2 * h) for h, e in zip(sizes, np.eye(count), strict=True)]
+        ).T
+        np.testing.assert_allclose(np.hstack([by_twist, by_own]), slopes, atol=2e-6 * max(np.abs(slopes).max(), 1))
+
+
+@every_kind
+def test_slopes_are_those_of_automatic_differentiation(kind: Instrument, rng: np.random.Generator) -> None:
+    _, (turn, at, own), measured = a_reading(kind, rng)
+    symbols = [SX.sym("R", 3, 3), SX.sym("p", 3), SX.sym("own", len(kind.own)), SX.sym("z", len(kind.columns))]
+    r, p, o, z = symbols
+    for reading in (z, None):
+        mine = kind.slopes(r, p, reading, o)
+        theirs = Instrument.slopes(kind, r, p, reading, o)
+        both = ca.Function("J", symbols, [ca.densify(e) for e in (*mine, *theirs)])
+        a, a_own, b, b_own = (np.array(v) for v in both(turn, at, own, measured))
         np.testing.assert_allclose(a, b, atol=1e-9 * max(np.abs(b).max(), 1))
         np.testing.assert_allclose(a_own, b_own, atol=1e-9 * max(np.abs(b_own).max(initial=0), 1))
 
 
-@pytest.mark.parametrize("kind", KINDS.values(), ids=list(KINDS))
-def test_a_reading_without_noise_has_no_residual(kind: Kind, rng: np.random.Generator) -> None:
-    rotation, point, own = SX.sym("R", 3, 3), SX.sym("p", 3), SX.sym("own", len(kind.own))
-    numbers = np.array([4600.0, 4610, 1200, 1000, -0.1, 0.1, 1e-3, -2e-3, 0.02])[: len(kind.own)]
-    h = kind.predict(rotation, point, own)
-    left = ca.Function("r", [rotation, point, own], [kind.residual(rotation, point, h, own)])
-    at = np.array([50.0, 20.0, 900.0])
-    assert np.abs(left(Rotation.random(rng=rng).as_matrix(), at, numbers).full()).max() < 1e-9
-    assert left.size1_out(0) == sum(quantity.size for quantity in kind.quantities)
+@every_kind
+def test_a_reading_without_noise_has_no_residual(kind: Instrument, rng: np.random.Generator) -> None:
+    residual, (turn, at, own), _ = a_reading(kind, rng)
+    predict = predicted(kind)
+    left = residual(turn, at, predict(turn, at, own), own).full()
+    assert np.abs(left).max() < 1e-9
+    assert len(left) == sum(quantity.size for quantity in kind.quantities)
+
+
+@every_kind
+def test_noise_is_that_of_the_residual(kind: Instrument, rng: np.random.Generator) -> None:
+    """Readings with noise of a sigma leave residuals of that sigma, component by component."""
+    residual, (turn, at, own), _ = a_reading(kind, rng)
+    predict = predicted(kind)
+    exact = predict(turn, at, own).full().ravel()
+    sizes = {q.noise: 0.3 if q.unit != "rad" else 1e-3 for q in kind.quantities}
+    noise = {name: partial(lambda s, shape: s * rng.normal(size=shape), s) for name, s in sizes.items()}
+    readings = kind.retract(np.tile(exact, (3000, 1, 1)), noise)[:, 0]
+    left = np.array([residual(turn, at, z, own).full().ravel() for z in readings])
+    wanted = np.concatenate([np.full(q.size, sizes[q.noise]) for q in kind.quantities])
+    np.testing.assert_allclose(left.std(axis=0), wanted, rtol=0.06)
+
+
+@every_kind
+def test_settings_survive_the_file(kind: Instrument, tmp_path: Path) -> None:
+    again = type(kind).recalled(json.loads(json.dumps(kind.record())), tmp_path)
+    assert again.columns == kind.columns
+    assert again.sees == kind.sees
+    np.testing.assert_array_equal(again.numbers, kind.numbers)
 
 
 def test_a_kind_that_is_not_registered_is_refused() -> None:

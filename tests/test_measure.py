@@ -13,7 +13,8 @@ from symcal.camera.camera import project_points
 from symcal.camera.target import Target
 from symcal.errors import InputError, RefusedError
 from symcal.images.measure import Shot, measure_images, read_shots
-from symcal.model.model import Scene, build_model, pixels_task
+from symcal.model.model import build_model
+from symcal.model.task import Scene, pixels_task
 from symcal.vision.render import Look, render_discs
 
 LENS = small_camera()

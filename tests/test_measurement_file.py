@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from strategies import generators, random_robot
 
-from symcal.data.dataset import Dataset, with_random_test
-from symcal.data.measurement_file import Split, load_measurements, save_measurements
+from symcal.data.dataset import Dataset, readings, with_random_test
+from symcal.data.measurement_file import Split, load_measurements
+from symcal.data.saved_measurements import save_measurements
 from symcal.errors import InputError
 from symcal.robot.robot import Joint, Link, Robot
 
@@ -26,7 +27,7 @@ def random_dataset(rng: np.random.Generator, robot: Robot, kind: str, names: lis
     if kind == "pose":
         z = np.hstack([rng.normal(size=(n, 3)) * 1e3, Rotation.random(n, rng=rng).as_quat()])
         sigma = rng.uniform(0.01, 1, (n, 6)) if rng.random() < 0.5 else None
-        return Dataset("pose", q, z, tuple(names), split, (), sigma)
+        return Dataset(readings("pose"), q, z, tuple(names), split, sigma)
     points = tuple("ABC"[: rng.integers(1, 4)])
     z = rng.normal(size=(n, 3 * len(points))) * 1e3
     hidden = rng.random((n, len(points))) < 0.2
@@ -34,7 +35,7 @@ def random_dataset(rng: np.random.Generator, robot: Robot, kind: str, names: lis
     hidden[0] = False
     z[np.repeat(hidden, 3, axis=1)] = np.nan
     sigma = np.where(np.isnan(z), np.nan, rng.uniform(0.01, 1, z.shape)) if rng.random() < 0.5 else None
-    return Dataset("position", q, z, tuple(names), split, points, sigma)
+    return Dataset(readings("position", points), q, z, tuple(names), split, sigma)
 
 
 @given(generators, st.sampled_from(["position", "pose"]), st.lists(labels, min_size=1, max_size=8, unique=True))
@@ -43,12 +44,12 @@ def test_what_is_written_is_read_back(tmp_path, rng, kind, names):
     data = random_dataset(rng, robot, kind, names)
     path = tmp_path / "measurements.csv"
     save_measurements(data, robot, path)
-    found = load_measurements(path, robot, kind, point_names=data.point_names)
-    assert (found.kind, found.labels, found.split, found.point_names) == (
-        data.kind,
+    found = load_measurements(path, robot, kind, point_names=data.only.features)
+    assert (found.only.kind, found.labels, found.split, found.only.features) == (
+        data.only.kind,
         data.labels,
         data.split,
-        data.point_names,
+        data.only.features,
     )
     np.testing.assert_allclose(found.q, data.q, rtol=0, atol=1e-13)  # rad -> deg -> rad
     np.testing.assert_allclose(found.z, data.z, rtol=1e-15, atol=0)
@@ -86,7 +87,7 @@ def test_wide_and_long_files_hold_the_same(load):
     long = load(head + "0,1,2,3,A,1,2,3\n0,1,2,3,B,4,5,6\n1,4,5,6,A,0.1,0.2,0.3\n")
     unnamed = load((head + "1,2,3,A,1,2,3\n1,2,3,B,4,5,6\n4,5,6,A,0.1,0.2,0.3\n").replace("pose,", ""))
     for found in (wide, long, unnamed):
-        assert found.point_names == ("A", "B")
+        assert found.only.features == ("A", "B")
         np.testing.assert_allclose(found.q, np.deg2rad([[1, 2, 3], [4, 5, 6]]))
         np.testing.assert_allclose(found.z, [[10, 20, 30, 40, 50, 60], [1, 2, 3, np.nan, np.nan, np.nan]])
         assert "in 1 pose at least one point was not seen" in found.notes
@@ -150,7 +151,6 @@ POSE = f"{JOINTS},x_mm,y_mm,z_mm,qx,qy,qz,qw\n"
             1,
             "there is no column for the measurement's sigma_z",
         ),
-        (f"{JOINTS},A_x_mm,A_y_mm,A_z_mm\n1,2,3,4,,6\n", "position", 2, "has one or two coordinates"),
         (f"{JOINTS},A_x_mm,A_y_mm,A_z_mm\n1,2,3,,,\n", "position", 2, "no point was measured in this row"),
         (
             f"pose,{JOINTS},point,x_mm,y_mm,z_mm\n7,1,2,3,A,4,5,6\n7,1,2,9,B,4,5,6\n",
@@ -216,7 +216,9 @@ def test_labels_that_are_not_there(load):
 
 @given(st.integers(2, 40), st.floats(0.001, 0.999), generators)
 def test_a_random_share_leaves_poses_on_both_sides(count, fraction, rng):
-    data = Dataset("position", np.zeros((count, 1)), np.zeros((count, 3)), ("",) * count, ("train",) * count)
+    data = Dataset(
+        readings("position", ("P",)), np.zeros((count, 1)), np.zeros((count, 3)), ("",) * count, ("train",) * count
+    )
     split = with_random_test(data, fraction, rng).split
     assert 1 <= split.count("test") <= count - 1
     assert abs(split.count("test") - fraction * count) <= 1

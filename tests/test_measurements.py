@@ -13,12 +13,15 @@ from hypothesis import given
 from scipy.spatial.transform import Rotation
 from strategies import random_frame, random_robot, readings, seeds
 
-from symcal.instruments import Measurement, Setup, kind_named, observe
 from symcal.kinematics import chain
+from symcal.model.measurement import Measurement, Setup
+from symcal.model.observe import observe
 from symcal.model.parameter_set import parameter_set
+from symcal.model.task import Task
 from symcal.robot.robot import Robot
 from symcal.spatial import inverse, pose_matrix
 
+POINTS = {name: tuple(xyz) for name, xyz in zip("abc", TRIANGLE, strict=True)}
 KINDS = ("position", "points", "pose", "inverted")
 ROBOTS = (ARM, *(random_robot(np.random.default_rng(seed)) for seed in (1, 5)))
 every_kind = pytest.mark.parametrize("kind", KINDS)
@@ -29,14 +32,13 @@ def build(kind: str, robot: Robot = ARM) -> Measurement:
     """With everything unknown that may be."""
     if kind == "points":
         return observe(
-            chain(robot, parameter_set(robot, base=True, points=("a", "b", "c"))),
-            kind_named("position"),
-            ("a", "b", "c"),
+            chain(robot, parameter_set(robot, base=True, points=("tool_a", "tool_b", "tool_c"))),
+            *Task.of("position", ("points",), POINTS).observations,
         )
     symbolic = chain(robot, parameter_set(robot, base=True, tool="frame"))
     if kind == "position":
-        return observe(symbolic, kind_named("position"), ("a", "b", "c"))
-    return observe(symbolic, kind_named("pose"), riding=kind == "inverted")
+        return observe(symbolic, *Task.of("position", (), POINTS).observations)
+    return observe(symbolic, *Task.of("pose", invert=kind == "inverted").observations)
 
 
 @lru_cache(maxsize=16)
@@ -48,7 +50,7 @@ def derivative(kind: str, robot: Robot) -> ca.Function:
 
 
 def a_setup(measurement: Measurement, rng: np.random.Generator) -> Setup:
-    points = np.array(TRIANGLE) if measurement.point_names else np.zeros((0, 3))
+    points = np.array(TRIANGLE) if measurement.points_called else np.zeros((0, 3))
     return Setup(random_frame(rng), random_frame(rng, 100.0), points)
 
 
@@ -59,7 +61,7 @@ def errors(measurement: Measurement, rng: np.random.Generator) -> np.ndarray:
 def measured(measurement: Measurement, q, x, vector, rng, turn: float = 0.02) -> np.ndarray:
     """What an instrument with a little noise would give; a pose's quaternion of either sign and any length."""
     z = np.array(measurement.predict(q, x, vector)).ravel()
-    if measurement.kind.name == "position":
+    if measurement.observations[0].instrument.reads == "points":
         return z + rng.normal(size=z.size)
     rotation = Rotation.from_quat(z[3:]) * Rotation.from_rotvec(turn * rng.normal(size=3))
     return np.concatenate([z[:3] + rng.normal(size=3), rng.choice([-1.3, 0.7]) * rotation.as_quat()])
@@ -154,11 +156,11 @@ def test_carrying_out_the_increments_moves_nothing(kind: str, seed: int) -> None
     measurement = build(kind)
     setup, q = a_setup(measurement, rng), readings(rng, ARM)
     x = 50 * errors(measurement, rng)
-    moved = setup.moved(measurement.parameters.mapping(x), measurement.point_names)
+    moved = setup.moved(measurement.parameters.mapping(x), measurement.points_called)
     links = np.array([name in ARM.parameters for name in measurement.parameters.names])
     before = np.array(measurement.predict(q, x, setup.vector)).ravel()
     after = np.array(measurement.predict(q, np.where(links, x, 0.0), moved.vector)).ravel()
-    if measurement.kind.name == "pose":
+    if measurement.observations[0].instrument.reads == "frame":
         before, after = pose_matrix(before), pose_matrix(after)
     assert np.allclose(before, after, atol=1e-8)
 
@@ -177,7 +179,7 @@ def test_groups_cover_every_component_once_with_its_unit() -> None:
 def test_a_pose_that_agrees_has_a_finite_slope() -> None:
     """At the identity the logarithm is a quotient of zeros, and so is a half turn's quaternion."""
     robot = handling()
-    measurement = observe(chain(robot, parameter_set(robot, base=True, tool="frame")), kind_named("pose"))
+    measurement = observe(chain(robot, parameter_set(robot, base=True, tool="frame")), *Task.of("pose").observations)
     vector = Setup(np.eye(4), np.eye(4)).vector
     for q in (np.zeros(5), np.array([np.pi, 1000, 100, np.pi, np.pi]), np.array([0, 1000, 0, np.pi / 2, np.pi])):
         z = np.array(measurement.predict(q, np.zeros(len(measurement.parameters)), vector)).ravel()

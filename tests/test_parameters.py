@@ -11,8 +11,9 @@ from strategies import robots
 
 from symcal.camera.camera import INTRINSIC_NAMES, Camera
 from symcal.errors import InputError
+from symcal.instruments import seen_by
 from symcal.model.parameter_set import parameter_set
-from symcal.parameters import Parameter, ParameterSet
+from symcal.parameters import FRAME_AXES, Parameter, ParameterSet
 from symcal.robot.robot import Joint, Link, Robot
 
 ROBOT = Robot(
@@ -27,7 +28,7 @@ ROBOT = Robot(
 
 
 def test_order_names_units_and_nominal_values():
-    items = parameter_set(ROBOT, base=True, tool="frame", points=("P1", "P2"))
+    items = parameter_set(ROBOT, base=True, tool="frame", points=("tool_P1", "tool_P2"))
     links = "theta_1 theta_2 alpha_2 a_1 d_2 beta_2"
     base = "base_x base_y base_z base_rx base_ry base_rz"
     tool = "tool_x tool_y tool_z tool_rx tool_ry tool_rz"
@@ -49,7 +50,9 @@ def test_scales_are_1_mm_and_10_mrad_unless_the_robot_says_otherwise():
 
 def test_of_links_something_is_known_before_of_frames_points_and_camera_nothing():
     camera = Camera(2000, 1500, 3000.0, 3001.0, 999.5, 749.5)
-    items = parameter_set(ROBOT, base=True, points=("P",), camera=True, intrinsics=camera)
+    own, priors = seen_by(camera, calibrate=True).unknowns("")
+    places = {"camera": FRAME_AXES}
+    items = parameter_set(ROBOT, base=True, points=("tool_P",), places=places, own=own, priors=priors)
     assert {p.name for p in items.items if not p.unknown} == set(ROBOT.parameters)
 
 
@@ -112,7 +115,7 @@ def test_scales_and_priors_are_positive_numbers(value):
 
 def test_no_name_stands_twice():
     with pytest.raises(InputError, match="two parameters have this name") as caught:
-        parameter_set(ROBOT, points=("A", "A"))
+        parameter_set(ROBOT, points=("tool_A", "tool_A"))
     assert caught.value.found == "tool_A_x"
     with pytest.raises(InputError, match="two parameters"):
         ParameterSet((Parameter("p", "mm", 0, 1), Parameter("p", "rad", 0, 1)))
@@ -129,7 +132,8 @@ def test_a_joint_prior_is_the_inverse_covariance():
     rng = np.random.default_rng(3)
     root = rng.normal(size=(9, 9)) * np.array([5.0, 5, 3, 3, 0.01, 0.05, 1e-4, 1e-4, 0.0])[:, None]
     camera = Camera(2000, 1500, 3000.0, 3001.0, 999.5, 749.5, (-0.1, 0.02), covariance=root @ root.T)
-    found = parameter_set(ROBOT, camera=True, intrinsics=camera)
+    own, priors = seen_by(camera, calibrate=True).unknowns("")
+    found = parameter_set(ROBOT, places={"camera": FRAME_AXES}, own=own, priors=priors)
     free = [name for name in INTRINSIC_NAMES if name != "k3"]
     assert found.names[-8:] == tuple(free)
     assert "camera_rz" in found.names

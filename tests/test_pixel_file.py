@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from camera_scenes import ROBOT
 
-from symcal.data.dataset import Dataset
-from symcal.data.measurement_file import load_measurements, save_measurements
+from symcal.data.dataset import Dataset, readings
+from symcal.data.measurement_file import load_measurements
+from symcal.data.saved_measurements import save_measurements
 from symcal.errors import InputError
 
 NAMES = ("P1", "P2", "P3")
@@ -21,7 +22,7 @@ def dataset(sigma=None):
     q = rng.uniform(ROBOT.lower, ROBOT.upper, (4, ROBOT.dof))
     z = rng.uniform(0, 2000, (4, 6))
     z[1, 2:4] = np.nan
-    return Dataset("pixels", q, z, ("a", "b", "c", "d"), ("train",) * 4, NAMES, sigma)
+    return Dataset(readings("pixels", NAMES), q, z, ("a", "b", "c", "d"), ("train",) * 4, sigma)
 
 
 @pytest.mark.parametrize("noisy", [False, True])
@@ -31,7 +32,7 @@ def test_round_trip(tmp_path, noisy):
     found = load_measurements(tmp_path / "pixels.csv", ROBOT, "pixels", point_names=NAMES)
     np.testing.assert_allclose(found.q, data.q, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(found.z, data.z)
-    assert (found.kind, found.labels, found.point_names) == ("pixels", data.labels, NAMES)
+    assert (found.only.kind, found.labels, found.only.features) == ("pixels", data.labels, NAMES)
     if noisy:
         np.testing.assert_array_equal(found.sigma[np.isfinite(data.z)], 0.02)
     else:

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from symcal.plots import print_settings
 from symcal.plots.plan import plan_figures
-from symcal.report import save_figures, write_report
+from symcal.plots.save import save_figures
+from symcal.report import write_report
 from symcal.report.plan import plan_text
 from symcal.report.plan_verdict import percent, plan_verdict
 from symcal.runs.load import load

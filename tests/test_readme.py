@@ -13,7 +13,7 @@ def test_the_example_runs_and_says_what_it_found(tmp_path: Path) -> None:
     code = code.replace('"configs/', f'"{README.parent.as_posix()}/configs/')
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert re.search(r"^\d+ of 24 directions seen, noise 0\.0\d\d mm$", done.stdout, re.M)
+    assert re.search(r"^\d+ of 25 directions seen, noise 0\.0\d\d mm$", done.stdout, re.M)
     assert (tmp_path / "calibrated.yaml").is_file()
 
 

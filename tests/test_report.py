@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from identifications import content_of, simulated
+from identifications import content_of, simulated, wired
 
 from symcal import plots
 from symcal.errors import InputError
-from symcal.report import Picture, save_figures, verdict, write_report
+from symcal.plots.save import save_figures
+from symcal.report import Picture, verdict, write_report
 from symcal.report.identification import identification_text
 from symcal.report.learnt import learnt_and_assumed
 from symcal.words import number
@@ -216,3 +217,92 @@ def test_verdict_keeps_truth_and_measurement_apart(content: dict[str, Any]) -> N
     truth = next(s for s in sentences if "truth" in s)
     assert number(content["accuracy"]["truth"]["after"]["position_mm"]["rms"]) in truth
     assert "truth" not in sentences[0]
+
+
+# ------------------------------------------------------------------------------------- other and several instruments
+
+
+@pytest.fixture(scope="module")
+def wire(configs: Path) -> dict[str, Any]:
+    return content_of(*wired(configs))
+
+
+@pytest.fixture(scope="module")
+def both(configs: Path) -> dict[str, Any]:
+    return content_of(*wired(configs, tracked=True))
+
+
+def test_a_wire_is_judged_by_what_it_reads(wire: dict[str, Any]) -> None:
+    text = identification_text(wire)
+    after = wire["accuracy"]["test"]["after"]["distance_mm"]
+    first, second, *_ = text["verdict"]
+    assert first.startswith("The robot's error along the distance fell from ")
+    assert first.endswith(f"to {number(after['rms'])} mm rms on 12 held-out poses.")
+    assert f"95 % of these errors are below {number(after['p95'])} mm" in second
+    assert any("lets expect a position error of" in sentence for sentence in text["verdict"])
+    assert text["accuracy"]["head"] == ["error along the distance / mm"]
+    assert text["accuracy"]["note"].startswith("Sizes of errors over observations")
+    assert "with places, points and instruments' own numbers fitted" in text["accuracy"]["note"]
+    assert "Distance measurements, 40 training" in text["subtitle"]
+    sigma = number(wire["identification"]["noise"]["distance"]["sigma"])
+    assert (
+        dict(text["facts"])["noise"] == f"standard deviation {sigma} mm of distance (estimated from the training data)"
+    )
+    assert text["instruments"] is None
+
+
+def test_two_instruments_are_told_apart(both: dict[str, Any], tmp_path: Path) -> None:
+    text = identification_text(both)
+    assert "Measurements of wire (distances) and tracker (positions), 40 training" in text["subtitle"]
+    assert text["verdict"][0].startswith("The robot's tool error fell from ")
+    assert text["verdict"][0].endswith(" on 12 held-out observations.")
+    assert "those of the instruments that read whole points" in text["accuracy"]["note"]
+    noise = both["identification"]["noise"]
+    for row, name, reads in zip(
+        text["instruments"]["rows"], ("wire", "tracker"), ("distances", "positions"), strict=True
+    ):
+        facts = both["instruments"][name]
+        rms = [
+            " → ".join(number(facts["accuracy"][part][state]["rms"]) for state in ("before", "after")) + " mm"
+            for part in ("train", "test")
+        ]
+        sigma = noise[f"{name} {facts['quantities'][0]['noise']}"]["sigma"]
+        assert row[:3] == [name, f"{reads} of smr P on flange", "world"]
+        assert row[3:] == ["40", rms[0], "12", rms[1], f"{number(sigma)}\u00a0mm (estimated)"]
+    words = dict(text["facts"])["noise"]
+    assert f"{number(noise['tracker position']['sigma'])} mm per axis of tracker position (estimated" in words
+    assert f"{number(noise['wire distance']['sigma'])} mm of wire distance (estimated" in words
+    write_report(both, (), tmp_path / "report.pdf")
+    assert "distances of smr P on flange" in _text(tmp_path / "report.pdf")
+
+
+def test_places_and_points_say_where_they_are(both: dict[str, Any]) -> None:
+    frames = {row["label"]: row["estimated"] for row in identification_text(both)["frames"]}
+    assert frames == {
+        "base in world": "estimated",
+        "tool in flange": "",
+        "wire on world": "x, y, z estimated",
+        "point smr_P in flange": "",
+    }
+    assert any("frames and points are increments" in note for note in identification_text(both)["parameters"]["notes"])
+
+
+def test_of_instruments_that_give_no_point_the_first_one_judges(both: dict[str, Any]) -> None:
+    case = copy.deepcopy(both)
+    case["measurement"] |= {"of_tool": False, "error": "height", "quantity": "height_mm", "judged_by": ["wire"]}
+    for states in case["accuracy"].values():
+        for quantities in states.values():
+            quantities["height_mm"] = quantities.pop("position_mm")
+    assert verdict(case)[0].startswith("The robot's height, as wire reads it, fell from ")
+    assert "those of wire" in identification_text(case)["accuracy"]["note"]
+
+
+def test_noise_of_older_results_is_named_by_its_quantity(content: dict[str, Any]) -> None:
+    older = {name: value for name, value in content["identification"].items() if name != "noise"}
+    texts = [
+        dict(identification_text(content | {"identification": found})["facts"])["noise"]
+        for found in (content["identification"], older)
+    ]
+    assert texts[0] == texts[1]
+    assert "mm per axis of position (estimated" in texts[0]
+    assert "deg per axis of orientation (estimated" in texts[0]

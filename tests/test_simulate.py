@@ -11,20 +11,22 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from symcal.calibration.evaluate import evaluate
-from symcal.calibration.simulate import Noise, concatenate, simulate
+from symcal.calibration.simulate import concatenate, simulate
 from symcal.data.dataset import with_random_test
-from symcal.model.model import State, Task, build_model
+from symcal.instruments.noise import Noise
+from symcal.model.model import State, build_model
+from symcal.model.task import Task
 from symcal.spatial import inverse, pose_matrix
 
 
 def test_without_noise_the_truth_explains_everything(rng: np.random.Generator) -> None:
     for kind in ("position", "pose"):
-        model = build_model(handling(), Task(kind, points=dict(zip("abc", TRIANGLE, strict=True))))  # type: ignore[arg-type]
+        model = build_model(handling(), Task.of(kind, points=dict(zip("abc", TRIANGLE, strict=True))))  # type: ignore[arg-type]
         data = simulate(model, TABLE_III, front_half(20, rng), Noise(), rng)
         found = evaluate(State(model, model.setup, model.parameters.vector(TABLE_III)), data)
-        assert found.position.max() < 1e-9
+        assert found.size.max() < 1e-9
         assert found.orientation is None or found.orientation.max() < 1e-9
-        assert found.position.shape == ((60,) if kind == "position" else (20,))
+        assert found.size.shape == ((60,) if kind == "position" else (20,))
 
 
 def test_the_papers_nominal_pose_and_the_size_of_its_errors(rng: np.random.Generator) -> None:
@@ -54,7 +56,7 @@ def test_uniform_noise_of_a_tenth_has_a_mean_norm_of_0_096(rng: np.random.Genera
 
 @pytest.mark.parametrize("invert", [False, True])
 def test_the_noise_of_a_pose_is_in_the_frame_of_the_instrument(invert: bool, rng: np.random.Generator) -> None:
-    model = build_model(ARM, Task("pose", invert=invert))
+    model = build_model(ARM, Task.of("pose", invert=invert))
     q = anywhere(ARM, 3000, rng)
     exact = pose_matrix(simulate(model, {}, q, Noise(), rng).z)
     noisy = simulate(model, {}, q, Noise("normal", 0.2, 1e-3), rng)

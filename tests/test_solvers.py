@@ -12,7 +12,8 @@ from cases import TABLE_III, front_half, handling_model
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from symcal.calibration.simulate import Noise, simulate
+from symcal.calibration.simulate import simulate
+from symcal.instruments.noise import Noise
 from symcal.solvers import SOLVERS, gauss_newton, ipopt, levenberg_marquardt
 from symcal.solvers.least_squares import Array, Problem, Solution, Status, Tolerances
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
-from symcal.cli.terminal import print_accuracy
+from symcal.cli.terminal import print_accuracy, print_check
+from symcal.runs.check import Added, Check
 
 FOUND = {
     "converged": True,
@@ -46,3 +48,69 @@ def test_a_fit_that_did_not_converge_is_said_first(capsys: pytest.CaptureFixture
 def test_a_validation_has_no_identification_to_speak_of(capsys: pytest.CaptureFixture[str]) -> None:
     print_accuracy({"accuracy": {}, "against": "noisy measurement", "warnings": []})
     assert "directions" not in capsys.readouterr().out
+
+
+def _statistics(rms: float, count: int = 40) -> dict[str, float]:
+    return {"mean": rms, "rms": rms, "p95": 2 * rms, "max": 3 * rms, "count": count}
+
+
+def _lines(capsys: pytest.CaptureFixture[str]) -> list[list[str]]:
+    return [line.split() for line in capsys.readouterr().out.splitlines()]
+
+
+def test_noise_is_named_where_there_are_several_instruments(capsys: pytest.CaptureFixture[str]) -> None:
+    noise = {
+        "tracker position": {"sigma": 0.05, "unit": "mm", "quantity": "position"},
+        "wire distance": {"sigma": 0.03, "unit": "mm", "quantity": "distance"},
+    }
+    print_accuracy(content(noise=noise))
+    assert "; noise tracker position 0.05 mm, wire distance 0.03 mm; " in capsys.readouterr().out
+    print_accuracy(content(noise={"distance": noise["wire distance"]}))
+    assert "; noise 0.03 mm; " in capsys.readouterr().out
+
+
+def test_errors_have_the_unit_of_what_judges(capsys: pytest.CaptureFixture[str]) -> None:
+    measurement = {"quantity": "direction_deg", "unit": "deg"}
+    accuracy = {"test": {"after": {"direction_deg": _statistics(0.2)}}}
+    print_accuracy(content() | {"measurement": measurement, "accuracy": accuracy})
+    head, row = _lines(capsys)[1:3]
+    assert head == ["data", "state", "mean", "deg", "rms", "deg", "p95", "deg", "max", "deg"]
+    assert row == ["test", "after", "0.2", "0.2", "0.4", "0.6"]
+
+
+def test_a_position_keeps_the_column_of_angles(capsys: pytest.CaptureFixture[str]) -> None:
+    print_accuracy(content() | {"accuracy": {"test": {"after": {"position_mm": _statistics(0.2)}}}})
+    assert _lines(capsys)[1][-2:] == ["rms", "deg"]
+
+
+def test_every_instrument_has_rows_in_its_own_unit(capsys: pytest.CaptureFixture[str]) -> None:
+    states = {"before": _statistics(2.0, 30), "offsets_only": _statistics(1.0, 30), "after": _statistics(0.5, 30)}
+    instruments = {
+        "tracker": {"unit": "mm", "accuracy": {"train": states, "test": states}},
+        "beam": {"unit": "deg", "accuracy": {"test": states}},
+    }
+    print_accuracy(content() | {"instruments": instruments})
+    lines = _lines(capsys)
+    start = lines.index(["instrument", "data", "state", "rms", "max", "unit", "count"])
+    assert lines[start + 1 : start + 7] == [
+        ["tracker", "train", "before", "2", "6", "mm", "30"],
+        ["tracker", "train", "after", "0.5", "1.5", "mm", "30"],
+        ["tracker", "test", "before", "2", "6", "mm", "30"],
+        ["tracker", "test", "after", "0.5", "1.5", "mm", "30"],
+        ["beam", "test", "before", "2", "6", "deg", "30"],
+        ["beam", "test", "after", "0.5", "1.5", "deg", "30"],
+    ]
+    print_accuracy(content() | {"instruments": {"tracker": instruments["tracker"]}})
+    assert "instrument" not in capsys.readouterr().out
+
+
+def test_check_says_what_every_instrument_adds(capsys: pytest.CaptureFixture[str]) -> None:
+    unknown = ("my_wire_x", "my_wire_y", "my_wire_z", "smr_P", "my_wire_offset")
+    wire = Added("my_wire", "world", "distances", "smr P on flange", unknown, 1, 25, 6)
+    print_check(Check(np.eye(4), {}, (), (wire,)))
+    out = capsys.readouterr().out
+    assert "rows per pose  rank alone  rank added" in out
+    assert "my_wire (x, y, z), smr_P, my_wire_offset" in out
+    assert out.splitlines()[-1].split()[-3:] == ["1", "25", "6"]
+    print_check(Check(np.eye(4), {}, ()))
+    assert "rank alone" not in capsys.readouterr().out

@@ -16,14 +16,15 @@ from symcal.calibration.identify import Calibration, calibrate
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Options
-from symcal.model.model import Model, Task, build_model
+from symcal.model.model import Model, build_model
+from symcal.model.task import Task
 
 BOTH = frozenset({"base", "tool"})
 
 
 @cache
 def model_of(kind: str, invert: bool = False) -> Model:
-    return build_model(ARM, Task(kind, BOTH, {"P": (30.0, 20.0, 80.0)}, invert=invert))  # type: ignore[arg-type]
+    return build_model(ARM, Task.of(kind, BOTH, {"P": (30.0, 20.0, 80.0)}, invert=invert))  # type: ignore[arg-type]
 
 
 @cache
@@ -144,7 +145,7 @@ def test_absurd_corrections_are_named() -> None:
 
 def test_one_size_stated_far_too_small_does_not_hold_its_error_back() -> None:
     """An error of seventeen stated sizes among 22 that are as stated or less."""
-    model = build_model(ARM, Task("position", frozenset(), {"P": (30.0, 20.0, 80.0)}, scales={"a_3": 0.04}))
+    model = build_model(ARM, Task.of("position", frozenset(), {"P": (30.0, 20.0, 80.0)}, scales={"a_3": 0.04}))
     data = measure(model, {"a_3": 0.7}, 100, np.random.default_rng(4), 0.05)
     found = calibrate(model, None, data, Options())
     assert found.after.x[model.parameters.index("a_3")] == pytest.approx(0.7, abs=0.03)

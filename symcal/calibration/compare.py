@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.calibration.evaluate import Errors, evaluate
+from symcal.calibration.evaluate import Errors, evaluate, pooled
 from symcal.calibration.identify import Calibration, baseline_model, calibrate
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
@@ -36,7 +36,7 @@ def cross_validate(
         RefusedError: too few poses for a fold's identification.
     """
     baseline = baseline_model(model)
-    pooled: dict[str, list[Errors]] = {}
+    parts: dict[str, list[Errors]] = {}
     for held_out in folds(data, count, rng):
         mask = np.zeros(len(data), dtype=bool)
         mask[held_out] = True
@@ -44,18 +44,8 @@ def cross_validate(
         result = calibrate(model, baseline, labelled, options)
         for name, state in result.states.items():
             found = evaluate(state, data.take(held_out))
-            pooled.setdefault(name, []).append(replace(found, pose=held_out[found.pose]))
-    return {name: _pool(parts) for name, parts in pooled.items()}
-
-
-def _pool(parts: list[Errors]) -> Errors:
-    rotations = [p.rotations for p in parts if p.rotations is not None]
-    return Errors(
-        np.vstack([p.vectors for p in parts]),
-        np.concatenate([p.pose for p in parts]),
-        np.concatenate([p.point for p in parts]),
-        np.vstack(rotations) if rotations else None,
-    )
+            parts.setdefault(name, []).append(replace(found, pose=held_out[found.pose]))
+    return {name: pooled(found) for name, found in parts.items()}
 
 
 def compare(calibration: Calibration, data: Dataset) -> Mapping[str, Errors]:

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
-from symcal.calibration.scene_record import scene_record
+from symcal.calibration.record import measurement_record
 from symcal.calibration.warnings import plausibility, quality
-from symcal.data.dataset import Dataset
+from symcal.data.dataset import Dataset, Readings, merged
+from symcal.data.measurement_file import load_measurements
 from symcal.errors import InputError, RefusedError
 from symcal.fit.estimation import Fit, Options, check_redundancy, fit
 from symcal.fit.noise import known_sigma, unknown_noise
 from symcal.fit.residual_rows import rows_of
-from symcal.instruments import Setup
-from symcal.model.model import Model, Part, State, Task, build_model
+from symcal.model.measurement import Group, Setup
+from symcal.model.model import Model, State, build_model
+from symcal.model.observation import Observation
+from symcal.model.task import Task
 from symcal.placing.placement import place as place
-from symcal.placing.placement import stated
+from symcal.placing.placement import placed, placed_by, stated
 from symcal.robot.robot import Record, Robot
 
 Array = NDArray[np.float64]
@@ -45,6 +49,7 @@ class Calibration:
     after: Fit
     robot: Robot
     notes: tuple[str, ...] = ()
+    searches: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
     @property
     def states(self) -> dict[str, State]:
@@ -52,20 +57,62 @@ class Calibration:
         raw = {} if self.before_raw is None else {"before_raw": self.before_raw}
         return raw | {
             "before": self.before,
-            "offsets_only": State(self.model, self.setup, self.offsets.x),
-            "after": State(self.model, self.setup, self.after.x),
+            "offsets_only": State(self.model, self.setup, self.offsets.x, self.before.unplaced),
+            "after": State(self.model, self.setup, self.after.x, self.before.unplaced),
         }
 
 
-def identify(robot: Robot, data: Dataset, task: Task, options: Options | None = None) -> Calibration:
+def identify(
+    robot: Robot,
+    data: Dataset | Sequence[Observation],
+    task: Task | None = None,
+    options: Options | None = None,
+    *,
+    base: Literal["known", "unknown"] = "known",
+    tool: Literal["known", "unknown"] = "known",
+) -> Calibration:
     """Calibrate a robot from measurements; only poses of the `train` split are used.
 
+    Args:
+        data: measurements and the task that they belong to, or observations with their ``data``. base, tool: whether
+            the robot's own frames are to be found, where observations are given.
     Raises:
-        InputError: names that the model does not have. RefusedError: too few poses, or data that the robot cannot
-        have produced.
+        InputError: names that the model does not have, files that cannot be read. RefusedError: too few poses, or data
+        that the robot cannot have produced.
     """
+    for value, key in ((base, "base"), (tool, "tool")):
+        if value not in ("known", "unknown"):
+            raise InputError("not one of the allowed values", key=key, found=value, allowed=("known", "unknown"))
+    if not isinstance(data, Dataset):
+        if task is not None:
+            raise InputError("observations with their data are the task: leave 'task' out", key="task")
+        task = Task(tuple(data), base == "unknown", tool == "unknown")
+        data = _gathered(robot, task.observations)
+    if task is None:
+        raise InputError("say what was measured: a task with the data, or observations with their data", key="task")
     model = build_model(robot, task)
-    return calibrate(model, baseline_model(model), data, options or Options())
+    sigma = {g.name: o.noise[g.quantity] for g, o in noisy(model) if g.quantity in o.noise}
+    options = options or Options()
+    return calibrate(model, baseline_model(model), data, replace(options, sigma={**sigma, **options.sigma}))
+
+
+def noisy(model: Model) -> list[tuple[Group, Observation]]:
+    """Every noise group with the observation that it belongs to, the first of its sessions."""
+    first = {o.of: o for o in reversed(model.task.observations)}
+    return [(group, first[group.observation]) for group in model.measurement.groups]
+
+
+def _gathered(robot: Robot, observations: Sequence[Observation]) -> Dataset:
+    """The data of several observations as one."""
+    sets = []
+    for o in observations:
+        if o.data is None:
+            raise InputError("this observation has no data", key=o.name)
+        own = o.data
+        if not isinstance(own, Dataset):
+            own = load_measurements(own, robot, o.instrument, point_names=o.features)
+        sets.append(replace(own, of=(replace(own.only, name=o.name),)))
+    return merged(sets, [o.session for o in observations])
 
 
 def calibrate(model: Model, baseline: Model | None, data: Dataset, options: Options) -> Calibration:
@@ -79,54 +126,78 @@ def calibrate(model: Model, baseline: Model | None, data: Dataset, options: Opti
 
 
 def _calibrate(model: Model, baseline: Model | None, data: Dataset, options: Options) -> Calibration:
-    measured, wanted = (data.kind, data.point_names), (model.task.kind, model.measurement.point_names)
+    measured = [(each.kind, each.features) for each in data.of]
+    wanted = [(o.instrument.name, o.features) for o in model.task.observations]
     if measured != wanted:
-        raise InputError(f"the data are {_kind(*measured)}, the task asks for {_kind(*wanted)}")
+        asked = ", ".join(Readings(o.instrument, o.name, o.features).said() for o in model.task.observations)
+        raise InputError(f"the data are {', '.join(each.said() for each in data.of)}, the task asks for {asked}")
     train = data.part("train")
     if len(train) == 0:
         raise RefusedError("no pose is marked for training")
+    free = placed_by(model, train)
     if model.task.scene is None:  # with a camera that nobody has placed yet the rows say nothing
-        start = rows_of(model.measurement, train, model.setup, model.residual)
+        start = rows_of(model.measurement, train, model.setup, model.residuals)
         estimated = unknown_noise(start, known_sigma(start, options.sigma))
-        check_redundancy(start, (*model.kinematic, *model.placement), bool(estimated))
-    setup = place(model, train, options)
-    rows = rows_of(model.measurement, train, setup, model.residual)
+        check_redundancy(start, (*model.kinematic, *free), bool(estimated))
+    found = placed(model, train, options)
+    setup = found.setup
+    rows = rows_of(model.measurement, train, setup, model.residuals)
     at = stated(model, setup)
     nominal = np.zeros(len(model.parameters))
-    offsets = fit(rows, (*model.offsets, *model.placement), options, prior_mean=at, nested=(nominal,))
-    after = fit(rows, (*model.kinematic, *model.placement), options, prior_mean=at, nested=(nominal, offsets.x))
-    before = State(model, setup, nominal)
-    raw = None if model.placement else before
+    offsets = fit(rows, (*model.offsets, *free), options, prior_mean=at, nested=(nominal,))
+    after = fit(rows, (*model.kinematic, *free), options, prior_mean=at, nested=(nominal, offsets.x))
+    before = State(model, setup, nominal, tuple(name for name in model.placement if name not in free))
+    raw = None if free else before
     if baseline is not None:
-        before = State(baseline, place(baseline, train, options), np.zeros(len(baseline.parameters)))
-    notes = (*plausibility(train, before), *quality(model, train, after))
-    return Calibration(model, setup, before, raw, offsets, after, calibrated_robot(model, after), notes)
+        own = placed_by(baseline, train)
+        unplaced = tuple(name for name in baseline.placement if name not in own)
+        before = State(baseline, place(baseline, train, options), np.zeros(len(baseline.parameters)), unplaced)
+    notes = (*found.notes, *_unplaced(before.unplaced), *plausibility(train, before), *quality(model, train, after))
+    robot = calibrated_robot(model, after)
+    return Calibration(model, setup, before, raw, offsets, after, robot, notes, found.searches)
 
 
-def _kind(kind: str, points: tuple[str, ...]) -> str:
-    return f"{kind} of {', '.join(points)}" if points else kind
+def _unplaced(names: Sequence[str]) -> list[str]:
+    """What is said of places that no training pose tells."""
+    if not names:
+        return []
+    things = dict.fromkeys(name.rpartition("_")[0] for name in names)
+    return [
+        f"where {', '.join(things)} {'is' if len(things) == 1 else 'are'} no training pose tells: fitted to the "
+        "held-out poses with the robot held, and as many degrees of freedom are taken off their rms"
+    ]
 
 
 def baseline_model(model: Model) -> Model | None:
-    """The model whose frames are all estimated, for the baseline; None if that is the model itself."""
-    tool: Part = "points" if "points" in model.task.estimate else "tool"
-    estimate = frozenset[Part](("base" if model.task.scene is None else "camera", tool))
-    if model.task.estimate - {"intrinsics"} == estimate:  # those keep their calibrated values at nominal kinematics
-        return None
-    task = replace(model.task, estimate=estimate, fix=(), scales={}, priors={})
-    return build_model(model.robot, task)
+    """The model whose robot frames are all estimated, for the baseline; None if that is the model itself.
 
-
-def _scene(model: Model, nominal: Setup, found: Setup, errors: dict[str, float]) -> dict[str, Any]:
-    record = scene_record(model, nominal, found, errors)
-    return {"scene": record} if record else {}
+    The base is free where something on world is known, else what stands on world; the tool where something known is
+    on it.
+    """
+    task = model.task
+    ends = [(o, end) for o in task.observations for end in (o.at, o.target.at)]
+    on_tool = [
+        o.at.unknown if end is o.at else end.unknown or bool(o.target.unknown_points)
+        for o, end in ends
+        if end.on == "tool"
+    ]
+    free_tool = bool(on_tool) and not all(on_tool)
+    cameras = task.scene is not None
+    on_world = [end for _, end in ends if end.on == "world"]
+    free_base = not cameras and bool(on_world) and not all(end.unknown for end in on_world)
+    observations = [replace(o, at=replace(o.at, unknown=True)) for o in task.observations] if cameras else None
+    same = (task.base, task.tool) == (free_base, free_tool) and (not cameras or task.observations[0].at.unknown)
+    if same:
+        return None  # numbers of cameras keep their calibrated values at nominal kinematics
+    free = replace(task, base=free_base, tool=free_tool, fix=(), scales={}, priors={})
+    return build_model(model.robot, free if observations is None else free.observed(observations))
 
 
 def calibrated_robot(model: Model, result: Fit) -> Robot:
     """The robot with its identified numbers, frames and covariance."""
     errors = model.parameters.mapping(result.x)
     kinematic = {name: errors[name] for name in model.robot.parameters}
-    setup = result.setup.moved(errors, model.measurement.point_names)
+    setup = model.moved(result.setup, result.x)
     free = result.free
     sigma: dict[str, float | None] = dict.fromkeys(model.parameters.names)
     sigma |= dict(zip(free, result.posterior.sigmas.tolist(), strict=True))
@@ -134,12 +205,7 @@ def calibrated_robot(model: Model, result: Fit) -> Robot:
     index = model.parameters.indices(free)
     full[np.ix_(index, index)] = result.posterior.covariance
     provenance: dict[str, Any] = {
-        "measurement": {
-            "type": model.task.kind,
-            "invert": model.task.invert,
-            "points_mm": {name: setup.points[k].tolist() for k, name in enumerate(model.measurement.point_names)},
-            **_scene(model, result.setup, setup, errors),
-        },
+        "measurements": measurement_record(model, result.setup, setup, errors),
         "noise_sigma": {f"{g.name}_{g.unit}": result.sigmas.get(g.name) for g in model.measurement.groups},
         "rank": result.identifiability.rank,
         "dof": result.dof,

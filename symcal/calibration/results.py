@@ -16,16 +16,18 @@ from typing import Any
 import numpy as np
 
 from symcal import spatial
-from symcal.calibration.evaluate import Errors, statistics
+from symcal.calibration.evaluate import Errors, Statistics, statistics
 from symcal.calibration.identify import Calibration
 from symcal.fit.estimation import Fit
 from symcal.fit.identifiability import Identifiability
-from symcal.instruments import Setup
-from symcal.model.model import Task
-from symcal.parameters import ParameterSet
+from symcal.model.measurement import Measurement, Setup
+from symcal.model.observation import Observation
+from symcal.model.task import Task
 from symcal.robot.robot import Robot
 
 SCHEMA = "symcal/results/1"
+
+DEGREES = float(np.rad2deg(1.0))
 
 _LIBRARIES = ("symcal", "casadi", "numpy", "scipy")
 
@@ -61,14 +63,62 @@ def robot_facts(robot: Robot) -> dict[str, Any]:
 
 
 def measurement_facts(task: Task, poses: Mapping[str, int]) -> dict[str, Any]:
+    """What measured: the first observation in short, and every one of them."""
+    first = task.observations[0]
+    judging = task.judged_by[0].instrument
+    quantity, unit, _ = judging.error
     return {
-        "type": task.kind,
-        "invert": task.invert,
-        "points": list(task.point_names),
-        "error": task.instrument.error_words,
-        "estimate": sorted(task.estimate),
+        "type": first.instrument.name,
+        "points": list(first.features),
+        "error": judging.error_words,
+        "of_tool": judging.gives_point,
+        "judged_by": [o.name for o in task.judged_by],
+        "quantity": f"{quantity}_{_SHOWN_UNITS[unit]}",
+        "unit": _SHOWN_UNITS[unit],
+        "estimate": unknown_words(task),
         "poses": dict(poses),
+        "instruments": [observation_facts(o) for o in task.observations],
     }
+
+
+def observation_facts(o: Observation) -> dict[str, Any]:
+    """One instrument and what it reads, in words and names."""
+    return {
+        "name": o.name,
+        "entry": o.of,
+        "type": o.instrument.name,
+        "on": o.at.on,
+        "target": o.target.name,
+        "target_on": o.target.at.on,
+        "features": list(o.features),
+        "reads": o.instrument.label,
+        "reports": o.reports,
+        "session": o.session,
+        "quantities": [{"noise": q.noise, "unit": q.unit, "size": q.size} for q in o.instrument.quantities],
+        "unknown": [
+            *(f"{o.place}_{axis}" for axis in o.place_axes),
+            *(f"{o.target.name}_{axis}" for axis in o.target_axes),
+            *(o.target.qualified(point) for point in o.target.unknown_points if o.instrument.reads == "points"),
+            *(item.name for item in o.instrument.unknowns(o.prefix)[0]),
+        ],
+    }
+
+
+def unknown_words(task: Task) -> list[str]:
+    """What of base, tool, points and instruments is estimated."""
+    cameras = any(o.instrument.camera is not None for o in task.observations)
+    found = {
+        "base": task.base,
+        "tool": task.tool,
+        "points": any(o.target.unknown_points for o in task.observations if o.instrument.reads == "points"),
+        "camera": cameras and any(o.at.unknown for o in task.observations if o.instrument.camera is not None),
+        "intrinsics": cameras and any(o.instrument.unknowns("")[0] for o in task.observations),
+    }
+    places = sorted(
+        {o.place for o in task.observations if o.at.unknown and o.instrument.camera is None}
+        | {o.target.name for o in task.observations if o.target.at.unknown}
+    )
+    return [*sorted(name for name, is_unknown in found.items() if is_unknown), *places]
 
 
 def identifiability_facts(seen: Identifiability) -> dict[str, Any]:
@@ -83,26 +133,24 @@ def identifiability_facts(seen: Identifiability) -> dict[str, Any]:
     }
 
 
-def identification_facts(fit: Fit, parameters: ParameterSet) -> dict[str, Any]:
+def identification_facts(fit: Fit, measurement: Measurement) -> dict[str, Any]:
     """The solver's words, noise and sizes with the degrees of freedom, and every parameter in mm and rad.
 
     Of a parameter: sigma, the posterior standard deviation; half_width_95, half of its 95 % interval by Student's t;
     learnt, the share that came from the data (0 to 1); None for parameters that were held.
     """
-    known = fit.posterior
+    parameters, known = measurement.parameters, fit.posterior
+    nominal = [fit.setup.own.get(p.name, p.nominal) for p in parameters.items]
     columns = (known.sigmas, known.half_widths(), known.learnt)
     found = {name: values for name, *values in zip(fit.free, *(c.tolist() for c in columns), strict=True)}
     held: list[float | None] = [None, None, None]
-    position, orientation, image = (fit.sigmas.get(group) for group in ("position", "orientation", "image"))
     return {
         "solver": fit.solution.solver,
         "converged": fit.converged,
         "status": fit.solution.status.name.lower(),
         "message": fit.message,
         "iterations": fit.iterations,
-        "noise_sigma_mm": None if position is None else float(position),
-        "noise_sigma_deg": None if orientation is None else float(np.rad2deg(orientation)),
-        "noise_sigma_px": None if image is None else float(image),
+        **noise_facts(fit.sigmas, measurement),
         "noise_estimated": list(fit.estimated),
         "scale_factor": fit.factor,
         "scale_factor_estimated": fit.factor_estimated,
@@ -112,9 +160,9 @@ def identification_facts(fit: Fit, parameters: ParameterSet) -> dict[str, Any]:
         "chi_squared": fit.chi_squared,
         "parameters": {
             p.name: {
-                "nominal": p.nominal,
+                "nominal": nominal[i],
                 "error": float(fit.x[i]),
-                "identified": p.nominal + float(fit.x[i]),
+                "identified": nominal[i] + float(fit.x[i]),
                 **dict(zip(("sigma", "half_width_95", "learnt"), found.get(p.name, held), strict=True)),
                 "unit": p.unit,
                 "free": p.name in fit.free,
@@ -124,23 +172,70 @@ def identification_facts(fit: Fit, parameters: ParameterSet) -> dict[str, Any]:
     }
 
 
-def accuracy_facts(errors: Mapping[str, Errors]) -> dict[str, Any]:
-    """Statistics of position (mm) and orientation (deg) errors per state."""
-    out: dict[str, Any] = {}
-    for name, found in errors.items():
-        out[name] = {"position_mm": _statistics(found.position)}
-        if found.orientation is not None:
-            out[name]["orientation_deg"] = _statistics(np.rad2deg(found.orientation))
+_SHOWN_UNITS = {"mm": "mm", "rad": "deg", "px": "px"}
+
+
+def noise_facts(sigmas: Mapping[str, float], measurement: Measurement) -> dict[str, Any]:
+    """Standard deviation of every noise group, and by unit where all that is measured in it shares one."""
+    out: dict[str, Any] = {"noise": {}}
+    found: dict[str, list[float]] = {unit: [] for unit in _SHOWN_UNITS.values()}
+    for group in measurement.groups:
+        if group.name in sigmas:
+            unit = _SHOWN_UNITS[group.unit]
+            sigma = float(sigmas[group.name]) * (DEGREES if group.unit == "rad" else 1.0)
+            found[unit].append(sigma)
+            out["noise"][group.name] = {
+                "sigma": sigma,
+                "unit": unit,
+                "quantity": group.quantity,
+                "instrument": group.observation,
+            }
+    return out | {f"noise_sigma_{unit}": values[0] if len(values) == 1 else None for unit, values in found.items()}
+
+
+def instrument_facts(task: Task, errors: Mapping[str, Mapping[str, Mapping[str, Errors]]]) -> dict[str, dict[str, Any]]:
+    """Every instrument in its own unit: what it is, and its errors by part and state.
+
+    Args:
+        errors: by part, state and observation, as `symcal.calibration.evaluate.evaluate_each` gives them.
+    """
+    out: dict[str, dict[str, Any]] = {}
+    for o in task.observations:
+        own = {
+            part: {state: _statistics(each[o.name]) for state, each in states.items() if o.name in each}
+            for part, states in errors.items()
+        }
+        quantity, unit, _ = o.instrument.error
+        out[o.name] = observation_facts(o) | {
+            "error": o.instrument.error_words,
+            "quantity": f"{quantity}_{_SHOWN_UNITS[unit]}",
+            "unit": _SHOWN_UNITS[unit],
+            "accuracy": {part: states for part, states in own.items() if states},
+        }
     return out
 
 
-def _statistics(values: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, float | int]:
-    s = statistics(values)
+def accuracy_facts(errors: Mapping[str, Errors]) -> dict[str, Any]:
+    """Statistics of position (mm) and orientation (deg) errors per state; of what else is measured, in its unit."""
+    out: dict[str, Any] = {}
+    for name, found in errors.items():
+        out[name] = {found.key: _statistics(found)}
+        if found.orientation is not None:
+            out[name]["orientation_deg"] = _as_dict(statistics(np.rad2deg(found.orientation)))
+    return out
+
+
+def _statistics(errors: Errors) -> dict[str, float | int]:
+    found = _as_dict(errors.statistics)
+    return found | {"fitted": errors.fitted} if errors.fitted else found
+
+
+def _as_dict(s: Statistics) -> dict[str, float | int]:
     return {"mean": s.mean, "rms": s.rms, "p95": s.p95, "max": s.max, "count": s.count}
 
 
-def frame_facts(setup: Setup, point_names: tuple[str, ...]) -> dict[str, Any]:
-    """Base, tool, tool points, and camera if there is one, as found, in mm and deg."""
+def frame_facts(setup: Setup, points_called: tuple[str, ...]) -> dict[str, Any]:
+    """Base, tool, points, and places of instruments and targets, as found, in mm and deg."""
 
     def frame(matrix: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, list[float]]:
         return {
@@ -148,20 +243,21 @@ def frame_facts(setup: Setup, point_names: tuple[str, ...]) -> dict[str, Any]:
             "rpy_deg": np.rad2deg(spatial.matrix_rpy(matrix[:3, :3])).tolist(),
         }
 
+    names = [name.removeprefix("tool_") for name in points_called]
     return {
         "base": frame(setup.base),
         "tool": frame(setup.tool),
-        **({} if setup.camera is None else {"camera": frame(setup.camera)}),
-        "points_mm": {name: setup.points[k].tolist() for k, name in enumerate(point_names)},
+        **{name: frame(place) for name, place in setup.places.items()},
+        "points_mm": dict(zip(names, setup.points.tolist(), strict=True)),
     }
 
 
 def calibration_facts(calibration: Calibration) -> dict[str, Any]:
     """Identifiability, identification and frames of a calibration."""
     model, after = calibration.model, calibration.after
-    found = calibration.setup.moved(model.parameters.mapping(after.x), model.measurement.point_names)
     return {
         "identifiability": identifiability_facts(after.identifiability),
-        "identification": identification_facts(after, model.parameters),
-        "frames": frame_facts(found, model.measurement.point_names),
+        "identification": identification_facts(after, model.measurement),
+        "starts": {name: {"agreed": n, "starts": of} for name, (n, of) in calibration.searches.items()},
+        "frames": frame_facts(model.moved(calibration.setup, after.x), model.measurement.points_called),
     }

@@ -5,18 +5,20 @@ too few poses, poses that are not like those that were identified from.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 from scipy.spatial import cKDTree
 
-from symcal.calibration.evaluate import Errors, statistics
+from symcal.calibration.evaluate import Errors
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Fit
 from symcal.fit.noise import known_sigma, spread_of
 from symcal.fit.residual_rows import rows_of
+from symcal.model.measurement import Part
 from symcal.model.model import Model, State
 from symcal.placing.registration import LEVER
 
@@ -27,6 +29,9 @@ _OUTLIER = 1e-6  # probability that one good observation is called an outlier
 _ABSURD = 20.0  # scales: a correction larger than this is a mistake more often than a fact
 _WRONG_NOISE = 1.5  # residuals over stated noise
 _LARGER = 3.0  # factor on the plausible sizes that a reader is told
+_ADRIFT = 30.0  # scales: a sigma beyond is more than what any parameter of the links may hide
+_NAMED = 5
+_NO_BETTER = 0.02  # relative gain that is none
 _NONSENSE = 0.1  # of the robot's length
 _NONSENSE_TURN = np.deg2rad(20.0)
 _SIGNIFICANT = 2.0  # standard errors of the mean gain
@@ -38,39 +43,60 @@ _BEYOND = 0.1  # of the training range of a joint
 def plausibility(data: Dataset, before: State) -> tuple[str, ...]:
     """What the nominal robot with fitted frames says about units, joint order and signs."""
     model = before.model
-    r, _ = rows_of(model.measurement, data, before.setup, model.residual)(before.x)
-    position, measured, seen = _positions(model, data, r)
+    r, _ = rows_of(model.measurement, data, before.setup, model.residuals)(before.x)
+    return tuple(note for part in model.measurement.parts for note in _plausible(model, data, part, r))
+
+
+def _plausible(model: Model, data: Dataset, part: Part, r: Array) -> list[str]:
+    found = _first_quantity(part, data, r)
+    if found is None:
+        return []
+    position, measured, unit = found
     error, spread, reach = (
-        float(np.sqrt(np.mean(np.sum(values[seen] ** 2, axis=1))))
-        for values in (position, _about_centre(measured, seen), _about_centre(measured + position, seen))
+        float(np.sqrt(np.mean(np.sum(values**2, axis=1))))
+        for values in (position, _about_centre(measured), _about_centre(measured + position))
     )
     small = reach > 1.0 and 0 < spread < reach / 30
     large = spread > 30 * max(reach, 1.0) or spread > 30 * max(_size(model, data), LEVER)  # a tool of any length fits
-    unit = model.measurement.groups[0].unit
+    kind, who = part.observation.instrument, _who(model, part)
     if unit == "mm" and (small or large):
         raise RefusedError(
-            f"the measured points spread over {spread:.3g} mm, the robot's over "
-            f"{min(reach, _size(model, data)):.3g} mm: the measurements are not in the unit that their columns name"
+            f"{who}the measured {'points' if kind.gives_point else kind.label} spread over {spread:.3g} mm, the "
+            f"robot's over {min(reach, _size(model, data)):.3g} mm: the measurements are not in the unit that their "
+            "columns name"
         )
-    extent = max(reach, 1.0 if model.task.instrument.reads_points else LEVER)
+    extent = max(reach, LEVER if kind.reads == "frame" else 1.0)
     if error > 0.1 * extent:
-        return (
-            f"nominal kinematics with fitted frames is off by {error:.4g} {unit} rms, {error / extent:.0%} of the "
-            "measured spread: check the order, units and signs of the joint columns, and the robot file",
-        )
-    return ()
+        return [
+            f"{who}nominal kinematics with fitted frames is off by {error:.4g} {unit} rms, {error / extent:.0%} of the "
+            "measured spread: check the order, units and signs of the joint columns, and the robot file"
+        ]
+    return []
 
 
-def _positions(model: Model, data: Dataset, r: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Residuals and measurements of points, shape (k, 3) each, mm (in images (k, 2), px), and which were seen."""
-    group = model.measurement.groups[0]
-    position = r[:, list(group.columns)].reshape(-1, group.block)
-    measured = data.z[:, : len(group.columns)].reshape(-1, group.block)
-    return position, measured, np.asarray(np.isfinite(measured).all(axis=1))
+def _who(model: Model, part: Part) -> str:
+    """Whose measurements they are, where there are several instruments."""
+    return f"{part.observation.name}: " if len(model.measurement.parts) > 1 else ""
 
 
-def _about_centre(points: Array, seen: NDArray[np.bool_]) -> Array:
-    return np.asarray(points - points[seen].mean(axis=0))
+def _first_quantity(part: Part, data: Dataset, r: Array) -> tuple[Array, Array, str] | None:
+    """Residuals and readings of the first quantity, shape (k, d) each, of what was seen, and their unit.
+
+    None where nothing was seen, or where readings are no numbers that residuals could be compared with.
+    """
+    kind = part.observation.instrument
+    quantity = kind.quantities[0]
+    columns = kind.columns[: quantity.size]
+    if any(unit != quantity.unit for _, unit in columns):
+        return None
+    rows = r[:, part.components].reshape(len(data) * part.features, -1)[:, : quantity.size]
+    measured = data.z[:, part.readings].reshape(len(data) * part.features, -1)[:, : quantity.size]
+    seen = np.isfinite(measured).all(axis=1)
+    return (rows[seen], measured[seen], quantity.unit) if seen.any() else None
+
+
+def _about_centre(points: Array) -> Array:
+    return np.asarray(points - points.mean(axis=0))
 
 
 def quality(model: Model, data: Dataset, after: Fit) -> tuple[str, ...]:
@@ -96,6 +122,7 @@ def quality(model: Model, data: Dataset, after: Fit) -> tuple[str, ...]:
             f"the errors of this robot are about {after.factor:.2g} times as large as their plausible sizes: the robot "
             "file is further off than stated, or the model lacks something and the parameters make up for it"
         )
+    notes += _adrift(model, after)
     errors = model.parameters.mapping(after.x)
     large = [
         name
@@ -117,27 +144,84 @@ def quality(model: Model, data: Dataset, after: Fit) -> tuple[str, ...]:
     return tuple(notes)
 
 
+def _adrift(model: Model, after: Fit) -> list[str]:
+    """Places and numbers that the data hardly tell anything of: they are where the search left them."""
+    sigmas = dict(zip(after.free, after.posterior.sigmas, strict=True))
+    loose = [
+        (p.name, f"{sigmas[p.name]:.3g} mm" if p.unit == "mm" else f"{np.rad2deg(sigmas[p.name]):.3g} deg")
+        for p in model.parameters.items
+        if p.unknown and p.unit in ("mm", "rad") and sigmas.get(p.name, 0.0) > _ADRIFT * p.scale
+    ]
+    if not loose:
+        return []
+    shown = ", ".join(f"{name} (+-{sigma})" for name, sigma in loose[:_NAMED])
+    more = f" and {len(loose) - _NAMED} more" if len(loose) > _NAMED else ""
+    return [
+        f"the data hardly tell {shown}{more}: do not use what was found of them; place more, or measure with another "
+        "instrument"
+    ]
+
+
+def worse(instruments: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
+    """Instruments that the identification explains no better than nominal kinematics does: some of several.
+
+    Args:
+        instruments: of results.json.
+    """
+    if len(instruments) < 2:
+        return ()
+    found = []
+    for name, facts in instruments.items():
+        part = next((part for part in ("test", "train") if "before" in facts["accuracy"].get(part, {})), None)
+        if part is None:
+            continue
+        before, after = (facts["accuracy"][part][state]["rms"] for state in ("before", "after"))
+        if after > (1 - _NO_BETTER) * before:
+            found.append(
+                f"what {name} reads is explained no better after the identification ({after:.3g} {facts['unit']} rms) "
+                f"than before ({before:.3g}): look for slips in its readings, its unit, and where it stands"
+            )
+    return tuple(found)
+
+
 def _refuse_nonsense(model: Model, data: Dataset, after: Fit) -> None:
     """Wrong units, signs and joint order leave errors of the robot's own size; medians, so that a slip is no reason."""
-    r, _ = rows_of(model.measurement, data, after.setup, model.residual)(after.x)
-    position, measured, seen = _positions(model, data, r)
-    error = float(np.median(np.linalg.norm(position[seen], axis=1)))
-    spread = float(np.median(np.linalg.norm(_about_centre(measured, seen)[seen], axis=1)))
-    wrong, unit = [], model.measurement.groups[0].unit
-    if error > spread / 4 and (unit != "mm" or error > _NONSENSE * _size(model, data)):
-        wrong.append(f"{error:.4g} {unit} (the measured points spread over {spread:.4g} {unit})")
-    if not model.task.instrument.reads_points:
-        turn = float(np.median(np.linalg.norm(r[:, list(model.measurement.groups[1].columns)], axis=1)))
-        if turn > _NONSENSE_TURN:
-            wrong.append(f"{np.rad2deg(turn):.3g} deg")
-    if not wrong:
-        return
-    pose = ", the order x, y, z, w of the quaternion, 'invert'" if not model.task.instrument.reads_points else ""
-    raise RefusedError(
-        f"even after the identification half of the poses are off by more than {' and '.join(wrong)}: these are not "
-        f"measurements of this robot as it is described; check units, signs and order of the joint columns, the unit "
-        f"of the measurement{pose}, and the robot file" + "".join(f"; {note}" for note in data.notes[:3])
-    )
+    r, _ = rows_of(model.measurement, data, after.setup, model.residuals)(after.x)
+    for part in model.measurement.parts:
+        wrong = _nonsense(model, data, part, r)
+        if not wrong:
+            continue
+        frames = part.observation.instrument.reads == "frame"
+        pose = ", the order x, y, z, w of the quaternion, 'invert' or 'reports' (whose pose it is)" if frames else ""
+        raise RefusedError(
+            f"{_who(model, part)}even after the identification half of the poses are off by more than "
+            f"{' and '.join(wrong)}: these are not measurements of this robot as it is described; check units, signs "
+            f"and order of the joint columns, the unit of the measurement{pose}, and the robot file"
+            + "".join(f"; {note}" for note in data.notes[:3])
+        )
+
+
+def _nonsense(model: Model, data: Dataset, part: Part, r: Array) -> list[str]:
+    wrong = []
+    found = _first_quantity(part, data, r)
+    if found is not None:
+        position, measured, unit = found
+        error = float(np.median(np.linalg.norm(position, axis=1)))
+        spread = float(np.median(np.linalg.norm(_about_centre(measured), axis=1)))
+        if error > spread / 4 and (unit != "mm" or error > _NONSENSE * _size(model, data)):
+            wrong.append(f"{error:.4g} {unit} (the measured points spread over {spread:.4g} {unit})")
+    seen, first = part.seen(data.z), 0
+    rows = r[:, part.components].reshape(len(data) * part.features, -1)
+    seen = seen.reshape(len(rows), -1)
+    for quantity in part.observation.instrument.quantities:
+        own = slice(first, first + quantity.size)
+        first += quantity.size
+        whole = seen[:, own].all(axis=1)
+        if quantity.unit == "rad" and whole.any():
+            turn = float(np.median(np.linalg.norm(rows[whole, own], axis=1)))
+            if turn > _NONSENSE_TURN:
+                wrong.append(f"{np.rad2deg(turn):.3g} deg")
+    return wrong
 
 
 def _size(model: Model, data: Dataset) -> float:
@@ -149,7 +233,7 @@ def _size(model: Model, data: Dataset) -> float:
 
 def _outliers(model: Model, data: Dataset, after: Fit) -> list[str]:
     """Observations whose residual is no accident at the noise of the others."""
-    rows = rows_of(model.measurement, data, after.setup, model.residual)
+    rows = rows_of(model.measurement, data, after.setup, model.residuals)
     r, _ = rows(after.x)
     spread = spread_of(rows, known_sigma(rows, {}), after.sigmas, np.ones_like(r))
     advice = "measure them again"
@@ -161,9 +245,10 @@ def _outliers(model: Model, data: Dataset, after: Fit) -> list[str]:
         norms = np.linalg.norm(white, axis=2).max(axis=1)
         limit = np.sqrt(stats.chi2.isf(_OUTLIER, group.block))
         worst = [data.labels[i] for i in np.argsort(-norms) if norms[i] > limit]
-        if len(worst) > len(data) / 5 and norms.max() < _STANDS_OUT * np.median(norms):
+        of = int((norms > 0).sum())
+        if len(worst) > of / 5 and norms.max() < _STANDS_OUT * np.median(norms[norms > 0]):
             found.append(
-                f"{len(worst)} of {len(data)} training poses have a {group.name} residual beyond the noise: not "
+                f"{len(worst)} of {of} training poses have a {group.name} residual beyond the noise: not "
                 "outliers, but a noise stated too small or an effect that the model lacks"
             )
         elif worst:
@@ -189,20 +274,20 @@ def claim(errors: Mapping[str, Mapping[str, Errors]]) -> tuple[str, ...]:
         return ("nothing was held out and nothing cross-validated: the data do not support an accuracy claim",)
     where = "on the test poses" if name == "test" else "in cross-validation"
     before, after, trained = errors[name]["before"], errors[name]["after"], errors["train"]["after"]
-    rms = {k: statistics(found.position).rms for k, found in (("b", before), ("a", after), ("t", trained))}
+    rms = {k: found.statistics.rms for k, found in (("b", before), ("a", after), ("t", trained))}
     gain = _per_pose(before) - _per_pose(after)
     error = float(gain.std(ddof=1) / np.sqrt(len(gain))) if len(gain) > 1 else np.inf
     found = []
     if gain.mean() <= _SIGNIFICANT * error:
         verdict = "no better" if rms["a"] >= rms["b"] else "better by no more than chance"
         found.append(
-            f"{where} the calibrated robot ({rms['a']:.3g} mm rms) is {verdict} than the nominal one with fitted "
-            f"frames ({rms['b']:.3g} mm): the data do not support an accuracy claim"
+            f"{where} the calibrated robot ({rms['a']:.3g} {after.unit} rms) is {verdict} than the nominal one with "
+            f"fitted frames ({rms['b']:.3g} {after.unit}): the data do not support an accuracy claim"
         )
     if rms["a"] > _OPTIMISM * rms["t"]:
         found.append(
-            f"{where} the error ({rms['a']:.3g} mm rms) is {rms['a'] / rms['t']:.2g} times that on the training poses "
-            f"({rms['t']:.3g} mm): more poses would help"
+            f"{where} the error ({rms['a']:.3g} {after.unit} rms) is {rms['a'] / rms['t']:.2g} times that on the "
+            f"training poses ({rms['t']:.3g} {after.unit}): more poses would help"
         )
     return tuple(found)
 
@@ -210,7 +295,7 @@ def claim(errors: Mapping[str, Mapping[str, Errors]]) -> tuple[str, ...]:
 def _per_pose(errors: Errors) -> Array:
     """Mean squared position error of every pose, mm^2."""
     poses, index = np.unique(errors.pose, return_inverse=True)
-    return np.asarray(np.bincount(index, errors.position**2) / np.bincount(index, minlength=len(poses)))
+    return np.asarray(np.bincount(index, errors.size**2) / np.bincount(index, minlength=len(poses)))
 
 
 def extrapolation(data: Dataset) -> tuple[str, ...]:

@@ -104,11 +104,11 @@ def schema(
     """Print the JSON Schema of a file, for editors that complete it."""
     import json
 
-    from symcal.config.conversion import ExperimentFile
+    from symcal.config.experiment import experiment_type
     from symcal.errors import InputError
     from symcal.robot.schema import RobotFile
 
-    models: dict[str, Any] = {"experiment": ExperimentFile, "robot": RobotFile}
+    models: dict[str, Any] = {"experiment": experiment_type(), "robot": RobotFile}
     if kind not in models:
         raise InputError("no such schema", found=kind, allowed=models)
     typer.echo(json.dumps(models[kind].model_json_schema(), indent=2))

@@ -40,13 +40,16 @@ def validate(
         str | None,
         typer.Option("--refit", help="frames to fit to the new data, such as base,tool (the instrument was moved)"),
     ] = None,
+    instrument: Annotated[
+        str | None, typer.Option("--instrument", help="whose measurements these are, where several measured")
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Judge a calibrated robot on new measurements."""
     from symcal.runs.validate import validate_robot
 
     with terminal.spinner(quiet) as progress:
-        content = validate_robot(calibrated, data, out, tuple(refit.split(",")) if refit else (), progress)
+        content = validate_robot(calibrated, data, out, tuple(refit.split(",")) if refit else (), instrument, progress)
     if not quiet:
         terminal.print_accuracy(content)
 

@@ -46,7 +46,7 @@ def print_measured(measured: Any) -> None:
     """How many images were measured, where the camera was found, and every image that failed with its reason."""
     console = output()
     data = measured.data
-    seen = data.z.shape[1] // 2
+    seen = len(data.only.features)
     console.print(f"{len(data)} images measured, up to {seen} points each")
     if measured.found:
         x, y, z = measured.T_world_camera[:3, 3]
@@ -79,11 +79,11 @@ def print_study(content: Any) -> None:
 
 def _learnt(seen: Any, found: Any) -> str:
     """What was seen and learnt, the noise, and how the fit ended, in a line."""
-    noise = [
-        f"{found[key]:.3g} {unit}"
-        for key, unit in (("noise_sigma_mm", "mm"), ("noise_sigma_deg", "deg"), ("noise_sigma_px", "px"))
-        if found.get(key) is not None
-    ]
+    from symcal.report.measured import noise_groups
+
+    groups = noise_groups(found)
+    named = any(group != each["quantity"] for group, each in groups.items())
+    noise = [f"{f'{group} ' if named else ''}{each['sigma']:.3g} {each['unit']}" for group, each in groups.items()]
     parts = [
         f"{seen['rank']} of {seen['parameters']} directions seen",
         f"{found['effective_parameters']:.1f} parameters' worth learnt",
@@ -94,28 +94,58 @@ def _learnt(seen: Any, found: Any) -> str:
 
 
 def print_accuracy(content: Any) -> None:
-    """Errors of every state on every set, and the warnings."""
+    """Errors of every state on every set, those of every instrument where there are several, and the warnings."""
+    from symcal.report.measured import fitted_before
+
     console = output()
     seen, found = content.get("identifiability"), content.get("identification")
     if seen:
         if not found["converged"]:
             console.print("[bold]the identification did not converge: its numbers must not be used[/bold]")
         console.print(escape(_learnt(seen, found)))
-    table = Table("data", "state", "mean mm", "rms mm", "p95 mm", "max mm", "rms deg", box=None, pad_edge=False)
-    for data, states in content["accuracy"].items():
-        for state, quantities in states.items():
-            if isinstance(quantities, dict):
-                p = quantities["position_mm"]
-                turn = quantities.get("orientation_deg")
-                numbers = [f"{p[k]:.4g}" for k in ("mean", "rms", "p95", "max")]
-                table.add_row(data, state, *numbers, f"{turn['rms']:.4g}" if turn else "")
-    console.print(table)
+    console.print(_accuracy_table(content))
+    if len(content.get("instruments", {})) > 1:
+        console.print(_instrument_table(content["instruments"]))
     against = (
         f"errors against {content['against']}{', truth: against exact poses' if 'truth' in content['accuracy'] else ''}"
     )
-    console.print(f"{against}; before: nominal kinematics with base and tool fitted on the training data")
+    console.print(f"{against}; before: nominal kinematics with {fitted_before(content)} fitted on the training data")
     for warning in content["warnings"]:
         console.print(f"[bold]warning:[/bold] {escape(warning)}")
+
+
+def _accuracy_table(content: Any) -> Table:
+    """Of the quantity that judges, and of attitudes: their column stands beside every position, as it always has."""
+    from symcal.report.measured import POSITION, judged
+
+    what = judged(content)
+    rows = [
+        (data, state, quantities)
+        for data, states in content["accuracy"].items()
+        for state, quantities in states.items()
+        if isinstance(quantities, dict)
+    ]
+    turns = what.key == POSITION or any(quantities.get("orientation_deg") for *_, quantities in rows)
+    heads = [f"{name} {what.unit}" for name in ("mean", "rms", "p95", "max")]
+    table = Table("data", "state", *heads, *(["rms deg"] if turns else []), box=None, pad_edge=False)
+    for data, state, quantities in rows:
+        turn = quantities.get("orientation_deg")
+        numbers = [f"{quantities[what.key][k]:.4g}" for k in ("mean", "rms", "p95", "max")]
+        table.add_row(data, state, *numbers, *([f"{turn['rms']:.4g}" if turn else ""] if turns else []))
+    return table
+
+
+def _instrument_table(instruments: Any) -> Table:
+    """Errors of every instrument in its own unit, before and after."""
+    table = Table("instrument", "data", "state", "rms", "max", "unit", "count", box=None, pad_edge=False)
+    for name, facts in instruments.items():
+        for data, states in facts["accuracy"].items():
+            for state in ("before", "after"):
+                if state in states:
+                    found = states[state]
+                    numbers = f"{found['rms']:.4g}", f"{found['max']:.4g}"
+                    table.add_row(escape(name), data, state, *numbers, facts["unit"], str(found["count"]))
+    return table
 
 
 def print_plan(content: Any) -> None:
@@ -135,8 +165,25 @@ def print_plan(content: Any) -> None:
         cells = [found[key], *([random[key]] if random else [])]
         table.add_row(label, *("-" if value is None else f"{value:.4g}" for value in cells))
     console.print(table)
+    _print_instruments(console, content.get("instruments", []))
     for warning in content["warnings"]:
         console.print(f"[bold]warning:[/bold] {escape(warning)}")
+
+
+def _print_instruments(console: Console, sets: Sequence[Any]) -> None:
+    """What sets of instruments bring at the poses of a plan."""
+    if not sets:
+        return
+    table = Table("instruments", "directions", "mean mm", "worst mm", "", box=None, pad_edge=False)
+    for each in sets:
+        if each["mean_mm"] is None:
+            cells = ["-", "-", "-", escape(each["refused"])]
+        else:
+            note = "after one rigid alignment" if each["aligned"] else ""
+            shown = [f"{each[key]:.4g}" for key in ("mean_mm", "worst_mm")]
+            cells = [f"{each['rank']} of {each['parameters']}", *shown, note]
+        table.add_row(escape(" + ".join(each["instruments"])), *cells)
+    console.print(table)
 
 
 def print_robot(robot: Any) -> None:
@@ -187,7 +234,31 @@ def print_check(found: Any, data: Sequence[str] = ()) -> None:
         console.print(f"\n{name}: {seen.numerical_rank} of {len(seen.names)} parameter directions can be seen")
         for direction in seen.unseen():
             console.print(f"  - {direction.text}")
+    if found.instruments:
+        console.print()
+        console.print(_added_table(found.instruments))
     for line in data:
         console.print(f"\nmeasurements: {escape(line)}")
     for note in found.notes:
         console.print(f"[bold]warning:[/bold] {escape(note)}")
+
+
+def _added_table(instruments: Any) -> Table:
+    """What every instrument reads of what, and what it adds to the rank of those before it."""
+    heads = ("instrument", "on", "reads", "of", "unknown", "rows per pose", "rank alone", "rank added")
+    table = Table(*heads, box=None, pad_edge=False)
+    for each in instruments:
+        words = (each.name, each.on, each.reads, each.of, _in_short(each.unknown))
+        table.add_row(*map(escape, words), str(each.rows), str(each.alone), str(each.added))
+    return table
+
+
+def _in_short(names: Sequence[str]) -> str:
+    """Names of parameters, the axes of one frame together: `tracker (x, y, z), wire_offset`."""
+    from symcal.parameters import FRAME_AXES
+
+    frames: dict[str, list[str]] = {}
+    for name in names:
+        of, _, axis = name.rpartition("_")
+        frames.setdefault(of if of and axis in FRAME_AXES else name, []).append(axis)
+    return ", ".join(of if of in names else f"{of} ({', '.join(axes)})" for of, axes in frames.items())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,23 +12,30 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from symcal.camera.files import read_camera, read_target
 from symcal.config.experiment import ExperimentFile as ExperimentFile
-from symcal.config.experiment import FileData as FileData
 from symcal.config.experiment import RenderedData as RenderedData
 from symcal.config.experiment import SimulatedData as SimulatedData
-from symcal.config.experiment import SplitConfig
+from symcal.config.experiment import experiment_type
+from symcal.config.measurements import FileData as FileData
+from symcal.config.measurements import SplitConfig
+from symcal.config.observations import existing as existing
+from symcal.config.observations import layout_of as layout_of
+from symcal.config.observations import observed
+from symcal.config.observations import reads_files as reads_files
+from symcal.config.observations import sources as sources
 from symcal.data.measurement_file import Split
 from symcal.documents.document import Document, Key, read_document, validate
 from symcal.documents.yaml_dialect import parse_value
 from symcal.errors import InputError
 from symcal.fit.estimation import Options
-from symcal.instruments.registry import kind_named
-from symcal.model.model import Scene, Task, pixels_task
+from symcal.instruments.noise import Noise
+from symcal.model.measurement import Measurement
+from symcal.model.observation import Observation
+from symcal.model.soundness import insist_on_values
+from symcal.model.task import Task
 from symcal.parameters import check_size
 from symcal.robot.robot import Robot
 from symcal.solvers.least_squares import Tolerances
-from symcal.units import LENGTH
 
 Array = NDArray[np.float64]
 
@@ -46,7 +53,7 @@ def load_experiment(path: Path | str, overrides: Sequence[str] = ()) -> tuple[Ex
         raise InputError("this is a robot file: an experiment, which names a robot, is needed here", file=path, line=1)
     for override in overrides:
         document = _override(document, override)
-    return validate(document, ExperimentFile), document
+    return validate(document, experiment_type()), document
 
 
 def _override(document: Document, text: str) -> Document:
@@ -60,18 +67,14 @@ def _override(document: Document, text: str) -> Document:
         raise InputError("the value is not YAML", key="--set", found=text) from None
 
 
-def existing(document: Document, path: str, key: Key, what: str) -> Path:
-    """A file named in the experiment, as an absolute path that is there."""
-    resolved = document.resolve(path, key)
-    if not resolved.is_file():
-        raise document.error(f"the {what} is not there", key, found=resolved)
-    return resolved
-
-
 _PATHS: tuple[tuple[str, ...], ...] = (
     ("robot",),
     ("measurement", "camera"),
     ("measurement", "target"),
+    ("measurements", "*", "data", "file"),
+    ("measurements", "*", "camera"),
+    ("measurements", "*", "target", "file"),
+    ("targets", "*", "file"),
     ("data", "file"),
     ("data", "camera"),
     ("plan", "required"),
@@ -88,14 +91,22 @@ def resolved(file: ExperimentFile, document: Document, folder: Path) -> dict[str
     Paths become relative to the folder; those with an environment variable stay as they are.
     """
     data: dict[str, Any] = file.model_dump(mode="json", by_alias=True, exclude_none=True)
-    for *parents, last in _PATHS:
-        node: Any = data
-        for part in parents:
-            node = node.get(part, {}) if isinstance(node, dict) else {}
-        path = node.get(last) if isinstance(node, dict) else None
-        if isinstance(path, str) and "$" not in path:
-            node[last] = os.path.relpath(document.resolve(path, (*parents, last)), folder.resolve())
+    for path in _PATHS:
+        _relative(data, path, (), document, folder)
     return data
+
+
+def _relative(node: Any, path: tuple[str, ...], at: Key, document: Document, folder: Path) -> None:
+    """Paths under a key, `*` standing for every key, as the folder sees them."""
+    if not isinstance(node, dict):
+        return
+    first, *rest = path
+    for name in list(node) if first == "*" else [first] if first in node else []:
+        value = node[name]
+        if rest:
+            _relative(value, tuple(rest), (*at, name), document, folder)
+        elif isinstance(value, str) and "$" not in value:
+            node[name] = os.path.relpath(document.resolve(value, (*at, name)), folder.resolve())
 
 
 def task_of(file: ExperimentFile, document: Document, robot: Robot) -> Task:
@@ -105,33 +116,12 @@ def task_of(file: ExperimentFile, document: Document, robot: Robot) -> Task:
         InputError: parts that cannot be estimated together, a point without coordinates, or a parameter that is not
         there.
     """
-    m, i, units = file.measurement, file.identification, file.units
-    if m.points and not kind_named(m.type).reads_points:
-        message = "a pose measurement has no points: give the tool frame in the robot file"
-        raise document.error(message, ("measurement", "points"))
-    for name, xyz in m.points.items():
-        if xyz is None and "points" not in m.estimate:
-            message = "this point has no coordinates: give them, or add 'points' to 'estimate'"
-            raise document.error(message, ("measurement", "points", name))
-    length = LENGTH[units.length]
-    points: dict[str, tuple[float, float, float]] = {
-        name: (0.0, 0.0, 0.0) if xyz is None else (xyz[0] * length, xyz[1] * length, xyz[2] * length)
-        for name, xyz in m.points.items()
-    }
-    if kind_named(m.type).place:
-        task = pixels_task(scene_of(file, document), m.estimate, fix=tuple(i.fix))
-    else:
-        task = Task(
-            kind=m.type,
-            estimate=frozenset(m.estimate),
-            points=points or {"P": (0.0, 0.0, 0.0)},
-            invert=m.invert,
-            fix=tuple(i.fix),
-        )
+    i, units = file.identification, file.units
+    task = replace(observed(file, document), fix=tuple(i.fix))
     try:
-        known = _unit_of(task, robot)
+        known = _unit_of(replace(task, fix=()), robot)
     except InputError as error:
-        raise document.error(error.message, tuple((error.key or "").split(".")), found=error.found) from None
+        raise _at(error, file, document) from None
     converted: dict[str, dict[str, float]] = {"scales": {}, "priors": {}}
     for section, values in (("scales", i.scales), ("priors", i.priors)):
         for name, value in values.items():
@@ -147,47 +137,46 @@ def task_of(file: ExperimentFile, document: Document, robot: Robot) -> Task:
         if name not in known:
             where: Key = ("identification", "fix", index)
             raise document.error("no such parameter in this experiment", where, found=name, allowed=known)
+    for section, names in (("fix", i.fix), ("priors", list(i.priors))):
+        try:
+            insist_on_values(task.observations, names)
+        except InputError as error:
+            raise document.error(error.message, ("identification", section), found=error.found) from None
     return replace(task, scales=converted["scales"], priors=converted["priors"])
 
 
-def scene_of(file: ExperimentFile, document: Document) -> Scene:
-    """Camera, target and rough camera pose of a pixel measurement.
-
-    Raises:
-        InputError: files that are not there or cannot be read, or a direction of view that is none.
-    """
-    m, units = file.measurement, file.units
-    camera = read_camera(existing(document, str(m.camera), ("measurement", "camera"), "camera file"))
-    target = read_target(existing(document, str(m.target), ("measurement", "target"), "target file"))
-    if m.camera_pose is None:
-        return Scene(camera, target)
-    try:
-        return Scene(camera, target, m.camera_pose.matrix(units.factor("mm"), units.factor("rad")))
-    except InputError as error:
-        raise document.error(error.message, ("measurement", "camera_pose"), found=error.found) from None
+def _at(error: InputError, file: ExperimentFile, document: Document) -> InputError:
+    """The error of a task where the file says so: in short, under `measurement.estimate`."""
+    key: Key = tuple((error.key or "measurements").split("."))
+    if file.measurement is not None and key[0] != "measurement":
+        key = ("measurement", "estimate")
+    return document.error(error.message, key, found=error.found, allowed=error.allowed)
 
 
 def _unit_of(task: Task, robot: Robot) -> dict[str, str]:
     return dict(zip(task.parameters(robot).names, task.parameters(robot).units, strict=True))
 
 
-def options_of(file: ExperimentFile) -> Options:
-    """Solver, loss, tolerances, known noise in mm and rad, and whether the sizes hold as stated."""
-    i, noise = file.identification, file.measurement.noise
-    sigma: dict[str, float] = {}
-    if noise.position is not None:
-        sigma["position"] = noise.position * file.units.factor("mm")
-    if noise.orientation is not None:
-        sigma["orientation"] = noise.orientation * file.units.factor("rad")
-    if noise.image is not None:
-        sigma["image"] = noise.image
+def options_of(file: ExperimentFile, measurement: Measurement) -> Options:
+    """Solver, loss, tolerances, known noise of the measurement's groups, and whether the sizes hold as stated."""
+    i = file.identification
+    noise = {o.of: o.noise for o in measurement.observations}
+    stated = [(g.name, noise[g.observation].get(g.quantity)) for g in measurement.groups]
     return Options(
         solver=i.solver,
         tolerances=Tolerances(**i.tolerances.model_dump()),
         loss=i.loss,
-        sigma=sigma,
+        sigma={name: sigma for name, sigma in stated if sigma is not None},
         scales=i.scale_factor,
     )
+
+
+def noise_of(file: ExperimentFile, data: SimulatedData, observations: Iterable[Observation]) -> Noise:
+    """The noise that simulated data have: as said with them, else as stated of the instruments."""
+    units = {q.noise: q.unit for o in observations for q in o.instrument.quantities}
+    said = {name: value * file.units.factor(units[name]) for name, value in data.noise.sizes.items() if name in units}
+    stated = {o.of: {name: value for name, value in o.noise.items() if name not in said} for o in observations}
+    return Noise(data.noise.distribution, by_instrument=stated, **said)
 
 
 def split_of(config: SplitConfig) -> Split:

@@ -7,17 +7,23 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, WithJsonSchema, model_validator
-from pydantic_core import PydanticCustomError, PydanticKnownError
+from pydantic import AfterValidator, Field, create_model, model_validator
+from pydantic_core import PydanticCustomError
 
-from symcal.config.plan import PlacementConfig, PlanConfig
+from symcal.config.measurements import (
+    RESERVED,
+    FileData,
+    MeasurementConfig,
+    Name,
+    TargetConfig,
+    observation_type,
+)
+from symcal.config.noise import ByQuantity, Positive
+from symcal.config.plan import PlanConfig
 from symcal.config.study import StudyConfig
 from symcal.documents.document import Strict
-from symcal.instruments.registry import KINDS
+from symcal.instruments import KINDS
 from symcal.units import ANGLE, LENGTH, AngleUnit, LengthUnit
-
-Positive = Annotated[float, Field(gt=0)]
-Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
 
 SCHEMA: Literal["symcal/experiment/1"] = "symcal/experiment/1"
 
@@ -33,94 +39,6 @@ class Units(Strict):
         return ANGLE[self.angle] if unit == "rad" else LENGTH[self.length] if unit == "mm" else 1.0
 
 
-class KnownNoise(Strict):
-    """Known standard deviation per axis; what is absent is estimated from the training data."""
-
-    position: Positive | None = None
-    orientation: Positive | None = None
-    image: Positive | None = None
-
-
-def _registered(name: str) -> str:
-    if name not in KINDS:
-        raise PydanticKnownError("literal_error", {"expected": ", ".join(map(repr, KINDS))})
-    return name
-
-
-KindName = Annotated[str, AfterValidator(_registered), WithJsonSchema({"enum": list(KINDS), "type": "string"})]
-"""The name of a registered kind of instrument."""
-
-
-class MeasurementConfig(Strict):
-    """What is measured.
-
-    points: tool points in the tool frame by name (`position`); `null` for coordinates that are to be estimated.
-    estimate: what of base, tool (mount) and points is unknown. invert: pose data are T_tool_world (eye in hand).
-    Of `pixels`: camera, a camera.yaml; target, a target.yaml; camera_pose, where the camera roughly is in world (plans
-    and simulations need it, identifications find it). Mount (tool), camera and intrinsics are unknown unless `estimate`
-    says otherwise.
-    """
-
-    type: KindName
-    points: dict[str, Triple | None] = {}
-    estimate: list[Literal["base", "tool", "points", "camera", "intrinsics"]] = []
-    invert: bool = False
-    noise: KnownNoise = KnownNoise()
-    camera: str | None = None
-    target: str | None = None
-    camera_pose: PlacementConfig | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _unknown_by_default(cls, data: Any) -> Any:
-        kind = KINDS.get(str(data.get("type"))) if isinstance(data, dict) else None
-        if kind is not None and kind.place and "estimate" not in data:
-            return data | {"estimate": ["tool", "camera", "intrinsics"]}
-        return data
-
-    @model_validator(mode="after")
-    def _scene(self) -> MeasurementConfig:
-        given = [name for name in ("camera", "target", "camera_pose") if getattr(self, name) is not None]
-        camera = bool(KINDS[self.type].place)
-        if camera and (self.camera is None or self.target is None):
-            raise PydanticCustomError("scene", "a pixel measurement needs 'camera' and 'target', files of theirs")
-        if not camera and given:
-            raise PydanticCustomError("scene", "'{name}' belongs to pixel measurements", {"name": given[0]})
-        if camera and self.points:
-            raise PydanticCustomError("scene", "a pixel measurement has the points of its target: leave them out")
-        return self
-
-
-class SplitConfig(Strict):
-    """Which poses train and which test: labels of a column, or a random share."""
-
-    column: str | None = None
-    train: list[str] = ["train"]
-    test: list[str] = ["test"]
-    test_fraction: Annotated[float, Field(gt=0, lt=1)] | None = None
-
-    @model_validator(mode="after")
-    def _consistent(self) -> SplitConfig:
-        if self.column is not None and self.test_fraction is not None:
-            raise PydanticCustomError("split", "give 'column' or 'test_fraction', not both")
-        for label in self.train:
-            if label in self.test:
-                message = "the label '{label}' stands under 'train' and under 'test'"
-                raise PydanticCustomError("split", message, {"label": label})
-        return self
-
-
-class FileData(Strict):
-    """Measurements from a CSV file. columns: canonical name -> name in the file."""
-
-    source: Literal["file"]
-    file: str
-    columns: dict[str, str] = {}
-    split: SplitConfig = SplitConfig()
-    delimiter: Literal[",", ";", "\t"] | None = None
-    decimal: Literal[".", ","] = "."
-
-
 class Truth(Strict):
     """The simulated robot's errors: given by name, or drawn with a standard deviation per kind."""
 
@@ -130,13 +48,13 @@ class Truth(Strict):
     sigma_angle: Annotated[float, Field(ge=0)] = 0.0
 
 
-class SimulatedNoise(Strict):
-    """Noise of simulated measurements: normal (standard deviation) or uniform (half width), per axis."""
+class SimulatedNoise(ByQuantity):
+    """Noise of simulated measurements: normal (standard deviation) or uniform (half width), per axis, by quantity.
+
+    What is not said here is what `noise` of an instrument states.
+    """
 
     distribution: Literal["normal", "uniform"] = "normal"
-    position: Annotated[float, Field(ge=0)] = 0.0
-    orientation: Annotated[float, Field(ge=0)] = 0.0
-    image: Annotated[float, Field(ge=0)] = 0.0
 
 
 class SimulatedData(Strict):
@@ -236,7 +154,11 @@ class OutputsConfig(Strict):
 
 
 class ExperimentFile(Strict):
-    """One experiment: robot, measurement, data, identification, outputs."""
+    """One experiment: robot, measurements, data, identification, outputs.
+
+    base, tool: whether the robot's own frames are as its file says, or to be found; with `measurement` in short its
+    `estimate` says so.
+    """
 
     schema_: Literal["symcal/experiment/1"] = Field(default=SCHEMA, alias="schema")
     name: Annotated[str, Field(min_length=1, pattern=r"^[\w][\w .+-]*$")]
@@ -244,10 +166,38 @@ class ExperimentFile(Strict):
     seed: Annotated[int, Field(ge=0)] = 1
     units: Units
     robot: str
-    measurement: MeasurementConfig
+    measurement: MeasurementConfig | None = None
+    base: Literal["known", "unknown"] = "known"
+    tool: Literal["known", "unknown"] = "known"
+    targets: dict[Name, TargetConfig] = {}
+    measurements: dict[Name, Any] = {}
     plan: PlanConfig = PlanConfig()
     data: Annotated[FileData | SimulatedData | RenderedData, Field(discriminator="source")] | None = None
     identification: IdentificationConfig = IdentificationConfig()
     validation: ValidationConfig = ValidationConfig()
     study: StudyConfig | None = None
     outputs: OutputsConfig = OutputsConfig()
+
+    @model_validator(mode="after")
+    def _one_way(self) -> ExperimentFile:
+        if (self.measurement is None) == (not self.measurements):
+            raise PydanticCustomError("measurement", "say what is measured: 'measurements', or 'measurement' in short")
+        long = {"base": self.base == "unknown", "tool": self.tool == "unknown", "targets": bool(self.targets)}
+        for key, given in long.items():
+            if self.measurement is not None and given:
+                message = "'{key}' goes with 'measurements'; with 'measurement' in short say it under 'estimate'"
+                raise PydanticCustomError("measurement", message, {"key": key})
+        for name in (*self.targets, *self.measurements):
+            if name in RESERVED:
+                raise PydanticCustomError("name", "'{name}' is a name of the robot's own", {"name": name})
+            if name in self.targets and name in self.measurements:
+                raise PydanticCustomError("name", "a target and an instrument are both called '{name}'", {"name": name})
+        return self
+
+
+def experiment_type() -> type[ExperimentFile]:
+    """The schema with the keys of every kind that is registered now."""
+    each: Any = observation_type(tuple(KINDS.values()))
+    return create_model(
+        "ExperimentFile", __base__=ExperimentFile, __doc__=ExperimentFile.__doc__, measurements=(dict[Name, each], {})
+    )

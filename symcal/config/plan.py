@@ -13,6 +13,7 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
 from symcal.camera.files import Distortion, Intrinsics, Lens, Triangle
+from symcal.config.noise import KnownNoise
 from symcal.documents.document import Strict
 from symcal.robot.schema import Frame
 from symcal.spatial import look_at
@@ -40,14 +41,6 @@ _Share = Annotated[float, Field(gt=0, le=1)]
 _Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
 _Pair = Annotated[list[float], Field(min_length=2, max_length=2), AfterValidator(_rising)]
 _Count = Annotated[int, Field(ge=1)]
-
-
-class NominalNoise(Strict):
-    """Standard deviation per axis that is planned with, where `measurement.noise` does not state it."""
-
-    position: _Positive | None = None
-    orientation: _Positive | None = None
-    image: _Positive | None = None
 
 
 class AreaRegion(Strict):
@@ -258,7 +251,8 @@ class PlanConfig(Strict):
     robot file's. required: poses that the plan must have, as lists of readings or a CSV file. candidates: a CSV file
     of poses (or measurements) to choose from. distance: between any two poses, in units of the working area.
     random: random plans to compare with. compare: further methods whose efficiency over time is reported.
-    sample: poses that stand for the feasible set.
+    sample: poses that stand for the feasible set. instruments: sets of them, by their names, that are compared at the
+    plan's poses; each alone and all together unless named.
     """
 
     method: MethodName | None = None
@@ -266,7 +260,8 @@ class PlanConfig(Strict):
     unmodelled: _NotNegative | None = None
     poses: _Count = 40
     area: dict[str, Annotated[list[float], Field(min_length=2, max_length=2)]] = {}
-    noise: NominalNoise = NominalNoise()
+    noise: KnownNoise = {}
+    instruments: list[list[str]] = []
     region: Annotated[AreaRegion | BoxRegion | FileRegion, Field(discriminator="type")] | None = None
     start: list[float] | None = None
     speeds: dict[str, _Positive] = {}

@@ -8,27 +8,72 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.errors import InputError
+from symcal.instruments import Instrument, kind_named
+
 Array = NDArray[np.float64]
+
+_ONE_POSTURE = 2e-5  # rad and mm: joint readings that files round differently
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """What columns of z hold: the readings of one observation, by feature.
+
+    name: of the observation. features: names of the points or axes that are read; empty where it is the frame.
+    """
+
+    instrument: Instrument
+    name: str
+    features: tuple[str, ...] = ()
+
+    @property
+    def kind(self) -> str:
+        """The kind of instrument, by its name."""
+        return self.instrument.name
+
+    @property
+    def width(self) -> int:
+        """Columns of z."""
+        return len(self.instrument.columns) * max(len(self.features), 1)
+
+    @property
+    def components(self) -> int:
+        """Components of the residual."""
+        return sum(q.size for q in self.instrument.quantities) * max(len(self.features), 1)
+
+    def said(self) -> str:
+        """In words, such as 'position of A, B'."""
+        return f"{self.kind} of {', '.join(self.features)}" if self.features else self.kind
+
+
+def readings(kind: str, features: Sequence[str] = ()) -> tuple[Readings, ...]:
+    """What the data of one instrument alone hold.
+
+    Raises:
+        InputError: there is no such kind.
+    """
+    return (Readings(kind_named(kind)(), kind, tuple(features)),)
 
 
 @dataclass(frozen=True, slots=True)
 class Dataset:
     """N measured poses of one robot.
 
-    kind: of instrument, by its name. q: joint readings, shape (N, dof), rad and mm.
-    z: what the instrument gave, shape (N, nz); NaN where a point was not seen.
+    of: what was read, one observation after the other. q: joint readings, shape (N, dof), rad and mm.
+    z: what the instruments gave, shape (N, nz); NaN where something was not seen, or by another instrument only.
     sigma: standard deviation of every residual component, shape (N, m), mm, rad and px; NaN where the file gives none.
     covariance: of the residual components of every pose, shape (N, m, m), where they are correlated: it then stands for
         the noise instead of ``sigma``. Directions without variance are exact by construction and say nothing.
-    labels: the pose's name in its source. split: `train`, `test` or `unused` per pose.
+    labels: the pose's name in its source, after its session where there are several. split: `train`, `test` or
+        `unused` per pose.
     """
 
-    kind: str
+    of: tuple[Readings, ...]
     q: Array
     z: Array
     labels: tuple[str, ...]
     split: tuple[str, ...]
-    point_names: tuple[str, ...] = ()
     sigma: Array | None = None
     provenance: str = ""
     notes: tuple[str, ...] = field(default=())
@@ -36,6 +81,26 @@ class Dataset:
 
     def __len__(self) -> int:
         return len(self.q)
+
+    @property
+    def only(self) -> Readings:
+        """What was read where one instrument measured."""
+        (only,) = self.of
+        return only
+
+    def read_by(self, name: str) -> Dataset:
+        """The poses that one observation has read, with its readings alone."""
+        at = at_sigma = 0
+        for each in self.of:
+            if each.name == name:
+                break
+            at, at_sigma = at + each.width, at_sigma + each.components
+        else:
+            raise KeyError(name)
+        z = self.z[:, at : at + each.width]
+        sigma = None if self.sigma is None else self.sigma[:, at_sigma : at_sigma + each.components]
+        kept = np.flatnonzero(np.isfinite(z).any(axis=1))
+        return replace(self, of=(each,), z=z, sigma=sigma).take(kept)
 
     def take(self, index: NDArray[np.intp] | Sequence[int] | NDArray[np.bool_]) -> Dataset:
         """The poses of an index or mask, in its order."""
@@ -63,3 +128,52 @@ def with_random_test(data: Dataset, fraction: float, rng: np.random.Generator) -
     split[used] = "train"
     split[rng.permutation(used)[:count]] = "test"
     return replace(data, split=tuple(split))
+
+
+def merged(sets: Sequence[Dataset], sessions: Sequence[str]) -> Dataset:
+    """The data of several observations as one: poses of one session and name are one posture.
+
+    Raises:
+        InputError: a pose whose joint readings or splits differ between two observations.
+    """
+    if len(sets) == 1:
+        return sets[0]
+    rows: dict[str, int] = {}
+    first: list[tuple[Dataset, int]] = []
+    for data, session in zip(sets, sessions, strict=True):
+        for i, label in enumerate(data.labels):
+            key = f"{session}/{label}" if session else label
+            if key not in rows:
+                rows[key] = len(first)
+                first.append((data, i))
+                continue
+            other, k = first[rows[key]]
+            for what, same in (
+                ("joint readings", np.allclose(other.q[k], data.q[i], rtol=0, atol=_ONE_POSTURE)),
+                ("split", other.split[k] == data.split[i]),
+            ):
+                if not same:
+                    raise InputError(
+                        f"pose '{label}' has another {what} with '{data.only.name}' than with '{other.only.name}': it "
+                        "is one posture; give poses of other sessions a 'session' of their own",
+                        file=data.provenance or None,
+                    )
+    z = np.full((len(first), sum(d.only.width for d in sets)), np.nan)
+    sigma = np.full((len(first), sum(d.only.components for d in sets)), np.nan)
+    at = at_sigma = 0
+    for data, session in zip(sets, sessions, strict=True):
+        index = [rows[f"{session}/{label}" if session else label] for label in data.labels]
+        z[index, at : at + data.only.width] = data.z
+        if data.sigma is not None:
+            sigma[index, at_sigma : at_sigma + data.only.components] = data.sigma
+        at, at_sigma = at + data.only.width, at_sigma + data.only.components
+    return Dataset(
+        of=tuple(data.only for data in sets),
+        q=np.array([data.q[i] for data, i in first]),
+        z=z,
+        labels=tuple(rows),
+        split=tuple(data.split[i] for data, i in first),
+        sigma=sigma if any(data.sigma is not None for data in sets) else None,
+        provenance=", ".join(dict.fromkeys(data.provenance for data in sets)),
+        notes=tuple(f"{data.only.name}: {note}" for data in sets for note in data.notes),
+    )

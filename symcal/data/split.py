@@ -22,11 +22,12 @@ class Split:
     test_fraction: float | None = None
 
 
-def splits(table: Table, poses: Sequence[object], split: Split) -> tuple[str, ...]:
+def splits(table: Table, poses: Sequence[object], split: Split, *, alone: bool = True) -> tuple[str, ...]:
     """`train`, `test` or `unused` for every pose.
 
     Args:
         poses: what tells the pose of each row, shape (rows,); poses are in the order of their first rows.
+        alone: whether nothing else was measured, so that some of it must train.
     Raises:
         InputError: no such column, a label that is not explained, a pose with two labels, or none to train with.
     """
@@ -53,7 +54,7 @@ def splits(table: Table, poses: Sequence[object], split: Split) -> tuple[str, ..
         if cells[row] != cells[first[key]]:
             message = f"this pose has another split in line {table.lines[first[key]]}: a pose is held out as a whole"
             raise InputError(message, file=table.path, line=table.lines[row], column=column, found=cells[row])
-    if "train" not in out:
+    if alone and "train" not in out:
         message = f"no pose is for training: none has the label {' or '.join(map(repr, split.train))}"
         raise InputError(
             message, file=table.path, line=table.head_line, column=column, found=", ".join(dict.fromkeys(cells))

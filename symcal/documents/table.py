@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -112,6 +112,47 @@ class Table:
             allowed = [f"{stem}_{u}" for u in kinds]
             raise InputError(message, file=self.path, line=self.head_line, column=column, allowed=allowed)
         return self.numbers(column, kinds[unit], empty=empty)
+
+    def where(self, wanted: Mapping[str, str]) -> Table:
+        """The rows whose cells are these.
+
+        Raises:
+            InputError: no such column, or no such row.
+        """
+        table = self
+        for column, value in wanted.items():
+            if column not in table.columns:
+                message = "'where:' names a column that the file does not have"
+                raise InputError(message, file=self.path, line=self.head_line, found=column, allowed=self.columns)
+            cells = table.text(column)
+            kept = [i for i, cell in enumerate(cells) if cell == value]
+            if not kept:
+                message = f"no row has '{value}' under '{column}'"
+                raise InputError(message, file=self.path, found=value, allowed=dict.fromkeys(cells))
+            rows, lines = tuple(table.rows[i] for i in kept), tuple(table.lines[i] for i in kept)
+            table = replace(table, rows=rows, lines=lines)
+        return table
+
+    def with_compound(self, name: str, parts: Sequence[str]) -> Table:
+        """With a column more, made of the cells of several: `front/0`.
+
+        Raises:
+            InputError: no such column.
+        """
+        for part in parts:
+            if part not in self.columns:
+                message = f"'columns:' makes '{name}' of a column that the file does not have"
+                raise InputError(message, file=self.path, line=self.head_line, found=part, allowed=self.columns)
+        cells = zip(*(self.text(part) for part in parts), strict=True)
+        own = [i for i, column in enumerate(self.columns) if column != name]
+        rows = [(*(row[i] for i in own), "/".join(cell)) for row, cell in zip(self.rows, cells, strict=True)]
+        return replace(self, columns=(*(self.columns[i] for i in own), name), rows=tuple(rows))
+
+    def without(self, column: str) -> Table:
+        """Without a column."""
+        own = [i for i, name in enumerate(self.columns) if name != column]
+        rows = tuple(tuple(row[i] for i in own) for row in self.rows)
+        return replace(self, columns=tuple(self.columns[i] for i in own), rows=rows)
 
     def missing(self, what: str, stems: Sequence[str], kinds: Iterable[str]) -> InputError:
         """The error for a quantity that no column gives, with the columns that come closest."""

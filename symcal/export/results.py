@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from symcal.calibration.compensation_check import Handover
 from symcal.calibration.evaluate import Errors
 from symcal.calibration.results import accuracy_facts
-from symcal.compensation.handover import Handover
 from symcal.export.corrections import corrections
 from symcal.export.delivery import Delivery, example
 from symcal.export.gate import doubts

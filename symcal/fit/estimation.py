@@ -28,7 +28,7 @@ from symcal.fit.residual_rows import Rows
 from symcal.fit.variance_components import Components
 from symcal.fit.variances import VarianceModel, Variances
 from symcal.fit.whitened import whitened
-from symcal.instruments import Setup
+from symcal.model.measurement import Setup
 from symcal.solvers import SOLVERS, SolverName
 from symcal.solvers.least_squares import Problem, Solution, Tolerances
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from symcal.fit.residual_rows import Rows
-from symcal.instruments import Group
+from symcal.model.measurement import Group
 
 Array = NDArray[np.float64]
 Loss = Literal["linear", "huber", "cauchy"]

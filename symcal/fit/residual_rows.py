@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.data.dataset import Dataset
-from symcal.instruments import Measurement, Setup
 from symcal.kernels import BatchFunction, batch_function
+from symcal.model.measurement import Measurement, Setup
 
 Array = NDArray[np.float64]
 
@@ -21,24 +21,39 @@ _NO_VARIANCE = 1e-13
 class Rows:
     """Residuals of a dataset: x -> r (N, m) and J (N, m, n); components that were not measured are zero.
 
+    kernels: of every observation. poses: which poses it has read, shape (N_k,) each.
     mixing: whitening matrix of every pose, shape (N, m, m), applied to both; None where components stay as they are.
     """
 
     measurement: Measurement
     data: Dataset
     setup: Setup
-    kernel: BatchFunction
+    kernels: tuple[BatchFunction, ...]
+    poses: tuple[NDArray[np.intp], ...]
     z: Array
     seen: NDArray[np.bool_]
     mixing: Array | None = None
 
     def __call__(self, x: Array) -> tuple[Array, Array]:
-        r, jacobian = self.kernel(self.data.q, x, self.setup.vector, self.z)
+        r, jacobian = self._evaluated(x)
         if self.mixing is not None:
             r, jacobian = np.einsum("nij,nj->ni", self.mixing, r), self.mixing @ jacobian
         if self.seen.all():
             return r, jacobian
         return np.where(self.seen, r, 0.0), np.where(self.seen[:, :, None], jacobian, 0.0)
+
+    def _evaluated(self, x: Array) -> tuple[Array, Array]:
+        setup = self.setup.vector
+        if len(self.kernels) == 1:
+            r, jacobian = self.kernels[0](self.data.q, x, setup, self.z)
+            return r, jacobian
+        r = np.zeros((len(self.data), self.measurement.rows))
+        jacobian = np.zeros((*r.shape, len(self.measurement.parameters)))
+        for part, kernel, poses in zip(self.measurement.parts, self.kernels, self.poses, strict=True):
+            if poses.size:
+                found = kernel(self.data.q[poses], x, setup, self.z[poses, part.readings])
+                r[poses, part.components], jacobian[poses, part.components] = found
+        return r, jacobian
 
     def decorrelated(self) -> Rows:
         """The rows in the principal axes of the data's covariance, of unit variance; as they are without one.
@@ -53,9 +68,11 @@ class Rows:
         return replace(self, mixing=scale[:, :, None] * axes.swapaxes(1, 2), seen=kept)
 
 
-def rows_of(measurement: Measurement, data: Dataset, setup: Setup, kernel: BatchFunction | None = None) -> Rows:
-    """The residual rows of a dataset under a setup; a kernel made before may be used again."""
-    kernel = kernel or batch_function(measurement.residual)
-    whole = np.ones((len(data), measurement.rows), dtype=np.bool_)
-    seen = np.isfinite(data.z) if measurement.kind.reads_points else whole
-    return Rows(measurement, data, setup, kernel, np.nan_to_num(data.z), seen)
+def rows_of(
+    measurement: Measurement, data: Dataset, setup: Setup, kernels: tuple[BatchFunction, ...] | None = None
+) -> Rows:
+    """The residual rows of a dataset under a setup; kernels made before may be used again."""
+    kernels = kernels or tuple(batch_function(part.residual) for part in measurement.parts)
+    by_part = [part.seen(data.z) for part in measurement.parts]
+    poses = tuple(np.flatnonzero(seen.any(axis=1)) for seen in by_part)
+    return Rows(measurement, data, setup, kernels, poses, np.nan_to_num(data.z), np.hstack(by_part))

@@ -16,7 +16,7 @@ from symcal.errors import RefusedError
 from symcal.fit.noise import Loss, block_sigmas, robust_weights, spread_of
 from symcal.fit.variance_components import Block, Components, Tie, at_variances, compressed, most_likely
 from symcal.fit.whitened import Whitened
-from symcal.instruments import Group
+from symcal.model.measurement import Group
 
 Array = NDArray[np.float64]
 
@@ -131,12 +131,17 @@ class VarianceModel:
 
     def _ties(self, names: list[str]) -> tuple[Tie, ...]:
         """Noise of the groups of one instrument goes together: one of them alone cannot fall to nothing."""
-        alike = {g.name: g.alike for g in self.system.rows.measurement.groups}
-        groups = [i for i, name in enumerate(names) if name != _FACTOR]
-        return tuple(
-            Tie(groups[0], i, 2 * float(np.log(alike[names[i]] / alike[names[groups[0]]])), _TIE_WIDTH)
-            for i in groups[1:]
-        )
+        first: dict[str, int] = {}
+        ties = []
+        for i, name in enumerate(names):
+            if name == _FACTOR:
+                continue
+            group = self._group(name)
+            lead = first.setdefault(group.observation, i)
+            if lead != i:
+                offset = 2 * float(np.log(group.alike / self._group(names[lead]).alike))
+                ties.append(Tie(lead, i, offset, _TIE_WIDTH))
+        return tuple(ties)
 
     def _group(self, name: str) -> Group:
         return next(g for g in self.system.rows.measurement.groups if g.name == name)

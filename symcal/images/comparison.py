@@ -22,8 +22,10 @@ from symcal.data.dataset import Dataset
 from symcal.fit.estimation import Fit, Options, fit
 from symcal.fit.residual_rows import rows_of
 from symcal.images.p3p_data import P3PData, p3p_positions
-from symcal.instruments import Setup
-from symcal.model.model import Model, Scene, State, Task, build_model
+from symcal.model.measurement import Setup
+from symcal.model.model import Model, State, build_model
+from symcal.model.observation import Point
+from symcal.model.task import CAMERA, Scene, Task
 from symcal.placing.placement import place
 from symcal.placing.scene_placement import flange_poses
 
@@ -64,12 +66,11 @@ def compare_ways(calibration: Calibration, scene: Scene, data: Dataset, options:
     """
     train = data.part("train")
     model, setup = calibration.model, calibration.setup
-    assert setup.camera is not None
-    predicted = spatial.inverse(setup.camera) @ flange_poses(model, train.q) @ setup.tool
+    predicted = spatial.inverse(setup.places[CAMERA]) @ flange_poses(model, train.q) @ setup.tool
     sigma = calibration.after.sigmas.get("image") or float(np.sqrt(np.nanmean(_sigma(train) ** 2)))
     solved = p3p_positions(train, scene.camera, scene.target, predicted, sigma)
     plain = replace(options, sigma={})
-    points = {
+    points: dict[str, Point | None] = {
         name: (float(x), float(y), float(z))
         for name, (x, y, z) in zip(scene.target.names, scene.target.points, strict=True)
     }
@@ -82,7 +83,7 @@ def compare_ways(calibration: Calibration, scene: Scene, data: Dataset, options:
         ("p3p_covariance", by_points, solved.points),
     ):
         found = fit(
-            rows_of(own.measurement, measured, place(own, measured, plain), own.residual),
+            rows_of(own.measurement, measured, place(own, measured, plain), own.residuals),
             (*own.kinematic, *own.placement),
             plain,
         )
@@ -90,13 +91,12 @@ def compare_ways(calibration: Calibration, scene: Scene, data: Dataset, options:
     return Ways(ways, solved)
 
 
-def _in_camera(model: Model, setup: Setup, points: dict[str, tuple[float, float, float]]) -> Model:
+def _in_camera(model: Model, setup: Setup, points: dict[str, Point | None]) -> Model:
     """The robot measured by positions in the camera's frame, its place there and the mount unknown."""
-    assert setup.camera is not None
     fix = tuple(name for name in model.task.fix if name in model.robot.parameters)
     scales = {name: scale for name, scale in model.task.scales.items() if name in model.robot.parameters}
-    robot = replace(model.robot, base=spatial.inverse(setup.camera) @ setup.base, tool=setup.tool)
-    return build_model(robot, Task("position", frozenset({"base", "tool"}), points, fix=fix, scales=scales))
+    robot = replace(model.robot, base=spatial.inverse(setup.places[CAMERA]) @ setup.base, tool=setup.tool)
+    return build_model(robot, Task.of("position", ("base", "tool"), points, fix=fix, scales=scales))
 
 
 def _sigma(data: Dataset) -> Array:

@@ -16,7 +16,7 @@ from symcal.data.dataset import Dataset
 from symcal.fit.residual_rows import rows_of
 from symcal.images.comparison import Ways
 from symcal.images.rendered import RenderedImages
-from symcal.model.model import Scene
+from symcal.model.task import Scene
 from symcal.vision.calibrate import CameraCalibration
 
 Array = NDArray[np.float64]
@@ -30,8 +30,8 @@ def accuracy_facts(calibration: Calibration, data: Dataset, truth: Array, test: 
     """
     points, residuals = {}, {}
     for name, state in calibration.states.items():
-        points[name] = _statistics(aligned_errors(target_points(state, test), truth).position)
-        r, _ = rows_of(state.model.measurement, data, state.setup, state.model.residual)(state.x)
+        points[name] = _statistics(aligned_errors(target_points(state, test), truth).size)
+        r, _ = rows_of(state.model.measurement, data, state.setup, state.model.residuals)(state.x)
         seen = np.isfinite(data.z).reshape(len(data), -1, 2).all(axis=2)
         residuals[name] = _statistics(np.linalg.norm(r.reshape(len(data), -1, 2)[seen], axis=1))
     expected = {
@@ -43,10 +43,10 @@ def accuracy_facts(calibration: Calibration, data: Dataset, truth: Array, test: 
 
 def comparison_facts(ways: Ways, errors: Mapping[str, Errors]) -> dict[str, Any]:
     """Errors of the target's centre at the test poses by way of identification, and what each way rests on."""
-    best = statistics(errors["pixels"].position).rms
+    best = statistics(errors["pixels"].size).rms
     out: dict[str, Any] = {}
     for name, way in ways.ways.items():
-        found = errors[name].position
+        found = errors[name].size
         out[name] = {
             "position_mm": _statistics(found),
             "times_pixels": statistics(found).rms / best,

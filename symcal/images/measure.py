@@ -19,9 +19,10 @@ from threadpoolctl import ThreadpoolController
 from symcal import spatial
 from symcal.camera.camera import Camera
 from symcal.camera.target import Target
-from symcal.data.dataset import Dataset
+from symcal.data.dataset import Dataset, Readings
 from symcal.documents.table import joint_readings, read_table
 from symcal.errors import InputError, RefusedError
+from symcal.instruments import seen_by
 from symcal.kernels import batch_function
 from symcal.kinematics import chain, forward, frame_vector
 from symcal.model.parameter_set import parameter_set
@@ -124,7 +125,7 @@ def _measure(
     if not kept:
         raise RefusedError(f"no image could be measured: {_listed(failures)}")
     return MeasuredImages(
-        data=_dataset(kept, target),
+        data=_dataset(kept, camera, target),
         images=tuple(shot.name for shot, _ in kept),
         detections=tuple(detection for _, detection in kept),
         failures=tuple(failures),
@@ -221,7 +222,7 @@ def _reader(path: Path) -> Callable[[], NDArray[np.generic]]:
     return lambda: read_image(path)
 
 
-def _dataset(kept: Sequence[tuple[Shot, TargetDetection]], target: Target) -> Dataset:
+def _dataset(kept: Sequence[tuple[Shot, TargetDetection]], camera: Camera, target: Target) -> Dataset:
     """Image points without a stated noise: that of the image is the least part of it, and the residuals tell it all."""
     z = np.full((len(kept), 2 * len(target.names)), np.nan)
     for row, (_, detection) in enumerate(kept):
@@ -229,12 +230,11 @@ def _dataset(kept: Sequence[tuple[Shot, TargetDetection]], target: Target) -> Da
             k = target.names.index(name)
             z[row, 2 * k : 2 * k + 2] = pixel
     return Dataset(
-        kind="pixels",
+        of=(Readings(seen_by(camera, calibrate=False), "pixels", target.names),),
         q=np.array([shot.q for shot, _ in kept]),
         z=z,
         labels=tuple(shot.label for shot, _ in kept),
         split=tuple(shot.split for shot, _ in kept),
-        point_names=target.names,
         provenance="images",
     )
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from symcal.camera.camera import Camera
 from symcal.camera.p3p import P3PResult, points_covariance, solve_p3p_batch
 from symcal.camera.target import Target
-from symcal.data.dataset import Dataset
+from symcal.data.dataset import Dataset, readings
 from symcal.errors import RefusedError
 
 Array = NDArray[np.float64]
@@ -67,15 +67,15 @@ def p3p_positions(data: Dataset, camera: Camera, target: Target, predicted: Arra
     poses = np.array([result.T_camera_target for result in results])
     at = np.einsum("nij,kj->nki", poses[:, :3, :3], target.points) + poses[:, None, :3, 3]
     covariance = np.array([points_covariance(result, target.points) for result in results])
-    base = replace(data.take(kept), kind="position", sigma=None)
+    base = replace(data.take(kept), sigma=None)
     notes = []
     if unsolved:
         notes.append(f"{_poses(unsolved)} no P3P solution and left out")
     if unsure:
         notes.append(f"{_poses(unsure)} a P3P solution whose choice is not sure")
     return P3PData(
-        points=replace(base, z=at.reshape(len(kept), 9), covariance=covariance),
-        centroid=replace(base, z=at.mean(axis=1), point_names=("centroid",)),
+        points=replace(base, of=readings("position", target.names), z=at.reshape(len(kept), 9), covariance=covariance),
+        centroid=replace(base, z=at.mean(axis=1), of=readings("position", ("centroid",))),
         results=tuple(results),
         notes=tuple(notes),
     )

@@ -13,8 +13,9 @@ from symcal.camera.board import Board
 from symcal.camera.camera import Camera
 from symcal.camera.target import Target
 from symcal.images.measure import MeasuredImages, Shot
-from symcal.instruments import Setup
+from symcal.model.measurement import Setup
 from symcal.model.model import Model
+from symcal.model.task import CAMERA
 from symcal.vision.board import BoardDetection, Refusal, detect_board
 from symcal.vision.board_views import board_views
 from symcal.vision.calibrate import CameraCalibration, calibrate_camera
@@ -76,8 +77,7 @@ def calibrate_rendered(
 def target_poses(model: Model, x: Array, q: Array) -> Array:
     """T_camera_target of a robot with errors x at joint readings (N, dof), shape (N, 4, 4), mm."""
     setup = model.setup
-    camera = setup.moved(model.parameters.mapping(x), model.measurement.point_names).camera
-    assert camera is not None
+    camera = model.moved(setup, x).places[CAMERA]
     tool = model.flange(q, x, Setup(setup.base, setup.tool).vector)[0]
     return np.asarray(spatial.inverse(camera) @ tool)
 

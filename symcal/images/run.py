@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.calibration.aligned import aligned_errors, centres, target_points
+from symcal.calibration.compensation_check import true_robot
 from symcal.calibration.evaluate import Errors
 from symcal.calibration.identify import Calibration, baseline_model, calibrate
-from symcal.calibration.simulate import Noise, simulate
+from symcal.calibration.simulate import simulate
 from symcal.camera.board import parse_board
 from symcal.camera.camera import Camera
 from symcal.camera.files import read_camera
-from symcal.compensation.handover import true_robot
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, RenderedData, SimulatedData
 from symcal.data.dataset import Dataset
@@ -28,7 +28,9 @@ from symcal.images.comparison import Ways, compare_ways
 from symcal.images.facts import accuracy_facts, camera_facts, comparison_facts, image_facts, project_poses
 from symcal.images.measure import MeasuredImages, Shot, measure_images
 from symcal.images.rendered import Example, RenderedImages, calibrate_rendered, target_poses, target_shots
-from symcal.model.model import Model, Scene, State, build_model, pixels_task
+from symcal.instruments import seen_by
+from symcal.model.model import Model, State, build_model
+from symcal.model.task import Scene, Task, pixels_task
 from symcal.planning.area import draw
 from symcal.planning.drive_plan import Planned, find_plan, plan_generator
 from symcal.planning.plan_problem import PlanProblem, plan_problem
@@ -82,13 +84,15 @@ def run_images(
     source, scene = file.data, model.task.scene
     assert isinstance(source, SimulatedData | RenderedData)
     assert scene is not None
+    short = file.measurement
+    assert short is not None
     rng = np.random.default_rng(seed)
     for_truth, for_poses, for_board, for_noise = rng.spawn(4)
     problem, planned = _plan(file, document, model, seed, progress)
     q = planned.plan.poses if planned else draw(problem.area, for_poses, file.plan.poses, problem.feasible)
     test = draw(problem.area, for_poses, max(source.test_poses, 1), problem.feasible)
-    inputs = [config.existing(document, str(file.measurement.camera), ("measurement", "camera"), "camera file")]
-    inputs.append(config.existing(document, str(file.measurement.target), ("measurement", "target"), "target file"))
+    inputs = [config.existing(document, str(short.camera), ("measurement", "camera"), "camera file")]
+    inputs.append(config.existing(document, str(short.target), ("measurement", "target"), "target file"))
     lens, known = scene.camera, scene.camera
     if isinstance(source, RenderedData):
         inputs.append(config.existing(document, source.camera, ("data", "camera"), "camera file"))
@@ -103,9 +107,9 @@ def run_images(
         known, points = images.camera.camera, images.measured.data
     else:
         progress("simulating")
-        noise = Noise(source.noise.distribution, image=source.noise.image)
+        noise = config.noise_of(file, source, model.task.observations)
         points = simulate(true_model, errors, q, noise, for_noise)
-    own = build_model(model.robot, replace(model.task, scene=_told(model, replace(scene, camera=known))))
+    own = build_model(model.robot, _telling(model.task, _told(model, replace(scene, camera=known))))
     progress("identifying")
     calibration = calibrate(own, baseline_model(own), points, options)
     true_state = State(true_model, true_model.setup, x)
@@ -181,9 +185,18 @@ def _board(source: RenderedData, document: Document) -> Any:
 
 def _told(model: Model, scene: Scene) -> Scene:
     """The scene as the identification knows it: without what it is to find."""
-    unknown = model.task.estimate
-    target = replace(scene.target, mount=None) if {"tool", "points"} & unknown else scene.target
-    return replace(scene, target=target, T_world_camera=None if "camera" in unknown else scene.T_world_camera)
+    (observation,) = model.task.observations
+    loose = model.task.tool or bool(observation.target.unknown_points)
+    target = replace(scene.target, mount=None) if loose else scene.target
+    return replace(scene, target=target, T_world_camera=None if observation.at.unknown else scene.T_world_camera)
+
+
+def _telling(task: Task, scene: Scene) -> Task:
+    """The task where camera, its place and the target are those of a scene."""
+    (observation,) = task.observations
+    kind = seen_by(scene.camera, calibrate=bool(observation.instrument.unknowns("")[0]))
+    place = replace(observation.at, frame=scene.T_world_camera)
+    return task.observed([replace(observation.with_marks(scene.target), instrument=kind, at=place)])
 
 
 def _render(

@@ -1,8 +1,6 @@
-"""Instruments: what one reading is (a short file per kind), and how an instrument reads a target on a robot."""
+"""Instruments: what one reading is (a short file per kind)."""
 
-from symcal.instruments.measurement import Group, Measurement, Setup
-from symcal.instruments.observe import observe
-from symcal.instruments.protocol import Kind
-from symcal.instruments.registry import KINDS, kind_named
+from symcal.instruments.protocol import Edge, Instrument, Keys, Margin, Quantity
+from symcal.instruments.registry import KINDS, kind_named, register, seen_by
 
-__all__ = ["KINDS", "Group", "Kind", "Measurement", "Setup", "kind_named", "observe"]
+__all__ = ["KINDS", "Edge", "Instrument", "Keys", "Margin", "Quantity", "kind_named", "register", "seen_by"]

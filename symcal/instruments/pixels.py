@@ -8,46 +8,112 @@ its image by P v; the camera's numbers enter (u, v) directly. Conventions are th
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, ClassVar, Literal, Self
 
 import casadi as ca
+import numpy as np
 
-from symcal.camera.camera import INTRINSIC_NAMES, distort, distortion_slopes
-from symcal.instruments.protocol import Array, Draw, Quantity, Unit
-from symcal.parameters import frame_names
+from symcal.camera.camera import INTRINSIC_NAMES, Camera, distort, distortion_slopes
+from symcal.camera.files import camera_from_dict, camera_to_dict, read_camera
+from symcal.instruments.protocol import Array, Column, Edge, Instrument, Keys, Margin, Quantity
+from symcal.parameters import JointPrior, Parameter, Unit
 
 SX = ca.SX
 
+_FOCAL = 0.01  # plausible error of focal length and principal point, as a share of focal length and image width
+_DISTORTION = 0.1  # of a distortion coefficient
+_PRIOR_SIGMAS = 10.0  # a joint prior determines what it is about: scales of at least so many of its sigmas
+_ANY = Camera(1000, 1000, 1000.0, 1000.0, 500.0, 500.0)
 
-@dataclass(frozen=True, slots=True)
-class Pixels:
-    name: str = "pixels"
-    quantities: tuple[Quantity, ...] = (Quantity("image", "px", 2, 1e-9, ("sigma_u", "sigma_v"), "sigma"),)
-    columns: tuple[tuple[str, Unit | None], ...] = (("u", "px"), ("v", "px"))
-    reads_points: bool = True
-    gives_point: bool = False
-    error_words: str = "error across the lines of sight"
-    place: tuple[str, ...] = frame_names("camera")
-    own: tuple[str, ...] = INTRINSIC_NAMES
+
+class PixelKeys(Keys):
+    """camera: a camera.yaml. intrinsics: `unknown` finds them, with their calibration's covariance as prior."""
+
+    camera: str
+    intrinsics: Literal["known", "unknown"] = "unknown"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pixels(Instrument):
+    """camera: its optics; calibrate: whether the intrinsics are to be found too."""
+
+    name: ClassVar[str] = "pixels"
+    label: ClassVar[str] = "image points"
+    error_words: ClassVar[str] = "error across the lines of sight"
+    limits: ClassVar[tuple[Margin, ...]] = (
+        Margin("in front of the camera", "mm", 100.0),
+        Margin("in the camera's image", "px", 100.0),
+    )
+    is_camera: ClassVar[bool] = True
+    own: ClassVar[tuple[str, ...]] = INTRINSIC_NAMES
+    Config: ClassVar[type[Keys]] = PixelKeys
+    quantities: ClassVar[tuple[Quantity, ...]] = (Quantity("image", "px", 2, 1e-9, ("sigma_u", "sigma_v"), "sigma"),)
+    columns: ClassVar[tuple[Column, ...]] = (("u", "px"), ("v", "px"))
+    error: ClassVar[tuple[str, Unit, int]] = ("position", "mm", 3)
+    componentwise: ClassVar[bool] = False
+    camera: Camera = field(default=_ANY)
+    calibrate: bool = True
+
+    @classmethod
+    def configured(cls, keys: Any, edge: Edge) -> Self:
+        return cls(read_camera(edge.path(keys.camera, "camera")), keys.intrinsics == "unknown")
+
+    @property
+    def numbers(self) -> Array:
+        return self.camera.intrinsics
+
+    def unknowns(self, prefix: str) -> tuple[Sequence[Parameter], Sequence[JointPrior]]:
+        """The covariance of the calibration is their prior, and what it held is no parameter; without one all nine are,
+        without a prior."""
+        if not self.calibrate:
+            return (), ()
+        covariance = self.camera.covariance
+        variance = np.ones(len(INTRINSIC_NAMES)) if covariance is None else np.diag(covariance)
+        free = np.flatnonzero(variance > 0)
+        items = []
+        sizes = (self.camera.fx, self.camera.fy, self.camera.width, self.camera.width)
+        for i in free:
+            unit: Unit = "px" if i < 4 else "1"
+            size = _FOCAL * sizes[i] if i < 4 else _DISTORTION
+            scale = size if covariance is None else max(size, _PRIOR_SIGMAS * float(np.sqrt(variance[i])))
+            nominal = float(self.camera.intrinsics[i])
+            items.append(Parameter(f"{prefix}{INTRINSIC_NAMES[i]}", unit, nominal, scale, unknown=True))
+        if covariance is None or not free.size:
+            return items, ()
+        return items, (JointPrior(tuple(p.name for p in items), covariance[np.ix_(free, free)]),)
 
     def predict(self, rotation: SX, point: SX, own: SX) -> SX:
         return _project(point, own)[1]
-
-    def residual(self, rotation: SX, point: SX, reading: SX, own: SX) -> SX:
-        return self.predict(rotation, point, own) - reading
 
     def slopes(self, rotation: SX, point: SX, reading: SX | None, own: SX) -> tuple[SX, SX]:
         by_point, _, by_own = _project(point, own)
         return ca.horzcat(SX(2, 3), by_point), by_own
 
-    def error(self, rotation: SX, point: SX, reading: SX, own: SX, *, riding: bool) -> tuple[SX, SX]:
+    def margins(self, rotation: SX, point: SX, own: SX) -> SX:
+        """Depth, and the distance from the image's border; as far outside as can be where nothing is projected."""
+        size, (u, v) = (self.camera.width, self.camera.height), ca.vertsplit(_project(point, own)[1])
+        inside = ca.fmin(ca.fmin(u + 0.5, size[0] - 0.5 - u), ca.fmin(v + 0.5, size[1] - 0.5 - v))
+        return ca.vertcat(point[2], ca.if_else(point[2] > 0, ca.fmax(inside, -sum(size)), -sum(size)))
+
+    def miss(self, rotation: SX, point: SX, reading: SX, own: SX, *, riding: bool) -> tuple[SX, SX]:
         """The smallest displacement, across the line of sight, that would explain the residual."""
         by_point, image, _ = _project(point, own)
         return by_point.T @ ca.inv(by_point @ by_point.T) @ (image - reading), SX(0, 1)
 
-    def retract(self, reading: Array, noise: Mapping[str, Draw]) -> Array:
-        return reading + noise["image"](reading.shape)
+    def record(self) -> dict[str, Any]:
+        return {"camera": camera_to_dict(replace(self.camera, covariance=None, rms_px=None))}
+
+    @classmethod
+    def recalled(cls, settings: Mapping[str, Any], file: Path) -> Self:
+        return cls(camera_from_dict(settings["camera"], file), calibrate=False)
+
+    def corrected(self, errors: Mapping[str, float]) -> Self:
+        step = np.array([errors.get(name, 0.0) for name in INTRINSIC_NAMES])
+        fx, fy, cx, cy, *dist = (self.camera.intrinsics + step).tolist()
+        return replace(self, camera=replace(self.camera, fx=fx, fy=fy, cx=cx, cy=cy, dist=tuple(dist)))
 
 
 def _project(point: SX, intrinsics: SX) -> tuple[SX, SX, SX]:

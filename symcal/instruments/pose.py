@@ -2,21 +2,23 @@
 
     r_p = p - p_z (mm),        r_w = log(R_z^T R) (rad)
 
-so the sign of a measured quaternion does not matter. Where the instrument rides on the tool the residual is taken on
-what it reports, where its noise lives, and the tool's error on the inverse, which is what the user asks about.
+so the sign of a measured quaternion does not matter. Where the instrument rides on the robot the residual is taken on
+what it reports, where its noise lives, and the tool's error on the inverse, which is what the user asks about. Noise
+by axis needs both parts in one frame: the observer's (r_w = log(R R_z^T)) or the observed one's (R_z^T (p - p_z)).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from symcal import spatial
-from symcal.instruments.protocol import Array, Draw, Quantity, Unit
+from symcal.instruments.protocol import Array, Column, Draw, Instrument, Quantity, sigmas
 
 SX = ca.SX
 
@@ -24,48 +26,61 @@ _LEVER = 200.0  # mm: as far apart are the marks from which attitudes are common
 
 
 @dataclass(frozen=True, slots=True)
-class Pose:
-    name: str = "pose"
-    quantities: tuple[Quantity, ...] = (
-        Quantity("position", "mm", 3, 1e-9, ("sigma_x", "sigma_y", "sigma_z"), "sigma"),
-        Quantity("orientation", "rad", 3, 1e-12, ("sigma_rx", "sigma_ry", "sigma_rz"), "sigma_rot", 1 / _LEVER),
+class Pose(Instrument):
+    """axes: whose axes the components of the residual have; `reported` is position by the observer's, turn by the
+    observed one's."""
+
+    name: ClassVar[str] = "pose"
+    label: ClassVar[str] = "poses"
+    reads: ClassVar[Literal["points", "axes", "frame"]] = "frame"
+    gives_point: ClassVar[bool] = True
+    makes_world: ClassVar[bool] = True
+    error_words: ClassVar[str] = "tool error"
+    quantities: ClassVar[tuple[Quantity, ...]] = (
+        Quantity("position", "mm", 3, 1e-9, sigmas(*"xyz"), "sigma"),
+        Quantity("orientation", "rad", 3, 1e-12, sigmas("rx", "ry", "rz"), "sigma_rot", 1 / _LEVER),
     )
-    columns: tuple[tuple[str, Unit | None], ...] = (
+    columns: ClassVar[tuple[Column, ...]] = (
         *((c, "mm") for c in "xyz"),
         *((c, None) for c in ("qx", "qy", "qz", "qw")),
     )
-    reads_points: bool = False
-    gives_point: bool = True
-    error_words: str = "tool error"
-    place: tuple[str, ...] = ()
-    own: tuple[str, ...] = ()
+    axes: Literal["reported", "observer", "observed"] = "reported"
 
     def predict(self, rotation: SX, point: SX, own: SX) -> SX:
         return ca.vertcat(point, _quaternion(rotation))
 
     def residual(self, rotation: SX, point: SX, reading: SX, own: SX) -> SX:
-        turn = spatial.log_rotation(spatial.quaternion_matrix(reading[3:]).T @ rotation)
-        return ca.vertcat(point - reading[:3], turn)
+        measured = spatial.quaternion_matrix(reading[3:])
+        shift = point - reading[:3]
+        if self.axes == "observed":
+            shift = measured.T @ shift
+        both = rotation @ measured.T if self.axes == "observer" else measured.T @ rotation
+        return ca.vertcat(shift, spatial.log_rotation(both))
 
     def slopes(self, rotation: SX, point: SX, reading: SX | None, own: SX) -> tuple[SX, SX]:
+        if self.axes != "reported":
+            return Instrument.slopes(self, rotation, point, reading, own)
         attitude = rotation.T
         if reading is not None:
             attitude = spatial.right_jacobian_inverse(self.residual(rotation, point, reading, own)[3:]) @ attitude
         upper, lower = ca.horzcat(SX(3, 3), SX.eye(3)), ca.horzcat(attitude, SX(3, 3))
         return ca.vertcat(upper, lower), SX(6, 0)
 
-    def error(self, rotation: SX, point: SX, reading: SX, own: SX, *, riding: bool) -> tuple[SX, SX]:
+    def miss(self, rotation: SX, point: SX, reading: SX, own: SX, *, riding: bool) -> tuple[SX, SX]:
         measured_r, measured_p = spatial.quaternion_matrix(reading[3:]), reading[:3]
         if riding:
+            back = rotation
             rotation, point = rotation.T, -(rotation.T @ point)
             measured_r, measured_p = measured_r.T, -(measured_r.T @ measured_p)
+            return back @ (point - measured_p), spatial.log_rotation(measured_r.T @ rotation)
         return point - measured_p, spatial.log_rotation(measured_r.T @ rotation)
 
     def retract(self, reading: Array, noise: Mapping[str, Draw]) -> Array:
         flat = reading.reshape(-1, 7)
-        position = flat[:, :3] + noise["position"]((len(flat), 3))
-        turn = Rotation.from_rotvec(noise["orientation"]((len(flat), 3)))
-        attitude = (Rotation.from_quat(flat[:, 3:]) * turn).as_quat(canonical=True)
+        shift, turn = noise["position"]((len(flat), 3)), Rotation.from_rotvec(noise["orientation"]((len(flat), 3)))
+        measured = Rotation.from_quat(flat[:, 3:])
+        position = flat[:, :3] + (measured.apply(shift) if self.axes == "observed" else shift)
+        attitude = (turn * measured if self.axes == "observer" else measured * turn).as_quat(canonical=True)
         return np.hstack([position, attitude]).reshape(reading.shape)
 
 

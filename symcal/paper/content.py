@@ -29,7 +29,7 @@ def study_content(study: Study) -> dict[str, Any]:
             study.setting.model.task, {"train": study.setting.count, "test": len(study.setting.test_poses)}
         ),
         "warnings": list(certified.notes),
-        "plan": plan_facts(study.certified.plan),
+        "plan": plan_facts(study.certified.plan, study.setting.model.measurement),
         "order": order_facts(study.certified),
         **results.calibration_facts(certified),
         "accuracy": _accuracy(study.simulation_2["certified"], study.setting),
@@ -143,7 +143,7 @@ def _simulation_2(study: Study) -> dict[str, Any]:
         "new_random": _spread(study, "new_random"),
         "noise": {
             "distribution": study.setting.noise.distribution,
-            "half_width_mm": study.setting.noise.position,
+            "half_width_mm": study.setting.noise.sizes["position"],
             "sigma_mm": study.setting.sigma,
             "mean_norm_mm": mean_norm(study.setting.noise),
         },

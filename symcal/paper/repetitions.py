@@ -58,7 +58,7 @@ def repeat(setting: Setting, plans: Mapping[str, StudyPlan], count: int, rng: np
 def measure(setting: Setting, q: Array, count: int, rng: np.random.Generator) -> Array:
     """Noisy positions of the true robot, shape (count, N, 3), mm, at poses (N, dof) or (count, N, dof)."""
     exact = positions(setting, q.reshape(-1, q.shape[-1]), setting.truth).reshape(*q.shape[:-1], 3)
-    noise = setting.noise.draw(setting.noise.position, (count, q.shape[-2], 3), rng)
+    noise = setting.noise.draw(setting.noise.sizes["position"], (count, q.shape[-2], 3), rng)
     return np.asarray(exact + noise)
 
 
@@ -73,7 +73,7 @@ def judge(setting: Setting, errors: Array, rng: np.random.Generator) -> Array:
             np.tile(test, (len(some), 1)), np.repeat(some, len(test), axis=0), setting.model.setup.vector
         )
         off = found.reshape(len(some), len(test), 3) - truth
-        noise = setting.noise.draw(setting.noise.position, off.shape, rng)
+        noise = setting.noise.draw(setting.noise.sizes["position"], off.shape, rng)
         exact, seen = _norms(off), _norms(off - noise)
         out[first : first + _TOGETHER] = np.stack(
             [

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from symcal.calibration.evaluate import Statistics, statistics
 from symcal.calibration.identify import Calibration
-from symcal.calibration.simulate import Noise
 from symcal.data.dataset import Dataset
 from symcal.fit.estimation import Fit
 from symcal.fit.identifiability import Identifiability
+from symcal.instruments.noise import Noise
 from symcal.kernels import BatchFunction
 from symcal.model.model import Model
 from symcal.planning.camera_view import CameraView

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.calibration.simulate import Noise
 from symcal.camera.camera import Camera
 from symcal.camera.target import Target
 from symcal.config import conversion as config
@@ -13,9 +14,12 @@ from symcal.config.conversion import ExperimentFile, SimulatedData
 from symcal.config.study import SceneConfig, StudyConfig
 from symcal.documents.document import Document
 from symcal.errors import RefusedError
-from symcal.instruments import Measurement, Setup, observe
+from symcal.instruments.noise import Noise
 from symcal.kernels import batch_function
+from symcal.model.measurement import Measurement, Setup
 from symcal.model.model import Model
+from symcal.model.observation import Point
+from symcal.model.observe import observe
 from symcal.paper.results import Setting
 from symcal.planning.camera_view import CameraView, camera_view, look_at
 from symcal.planning.plan_problem import PlanProblem, plan_problem
@@ -43,11 +47,12 @@ def study_setting(
             or test poses, or says neither where the robot starts nor how fast its joints are.
     """
     data = file.data
-    if not isinstance(data, SimulatedData) or not data.noise.position or not data.test_poses:
+    if not isinstance(data, SimulatedData) or not data.noise.sizes.get("position") or not data.test_poses:
         raise RefusedError("the study compares with a known truth: it needs simulated data with noise and test poses")
     if (
-        not (model.task.instrument.gives_point and model.task.instrument.reads_points)
-        or len(model.task.point_names) != 1
+        len(model.task.observations) != 1
+        or not model.task.observations[0].instrument.gives_point
+        or len(model.task.observations[0].features) != 1
         or model.placement
     ):
         raise RefusedError(
@@ -60,7 +65,7 @@ def study_setting(
         raise RefusedError("the study drives its plans as tours: give 'plan.start' and 'plan.speeds'")
     units = dict(zip(model.parameters.names, model.parameters.units, strict=True))
     truth = model.parameters.vector(config.truth_of(data, file, document, dict(units), for_truth))
-    noise = Noise(data.noise.distribution, data.noise.position * file.units.factor("mm"))
+    noise = Noise(data.noise.distribution, data.noise.sizes["position"] * file.units.factor("mm"))
     test = problem.area.sample(for_test, data.test_poses)
     predict = batch_function(model.measurement.predict)
     return (
@@ -69,7 +74,7 @@ def study_setting(
             predict=predict,
             truth=truth,
             noise=noise,
-            sigma=noise.sigma(noise.position),
+            sigma=noise.sigma(noise.sizes["position"]),
             count=file.plan.poses,
             test_poses=test,
             test_positions=predict(test, truth, model.setup.vector)[0],
@@ -105,5 +110,7 @@ def positions(setting: Setting, poses: Array, x: Array) -> Array:
 def target_measurement(setting: Setting) -> tuple[Measurement, Setup]:
     """Positions of all three target points instead of the last origin alone."""
     view, setup = setting.view, setting.model.setup
-    measurement = observe(setting.model.measurement.chain, setting.model.measurement.kind, view.target.names)
+    (one,) = setting.model.task.observations
+    points: dict[str, Point | None] = dict.fromkeys(view.target.names, (0.0, 0.0, 0.0))
+    measurement = observe(setting.model.measurement.chain, replace(one, target=replace(one.target, points=points)))
     return measurement, Setup(setup.base, setup.tool, view.tool_points)

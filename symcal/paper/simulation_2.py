@@ -42,7 +42,7 @@ def simulation_2(
     options = Options(options.solver, options.tolerances, options.loss, {"position": setting.sigma}, "stated")
     baseline = baseline_model(model)
     truth = model.parameters.mapping(setting.truth)
-    noise = setting.noise.draw(setting.noise.position, setting.test_positions.shape, for_test)
+    noise = setting.noise.draw(setting.noise.sizes["position"], setting.test_positions.shape, for_test)
     measured = setting.test_positions + noise
     found, data = {}, {}
     for (name, plan), own in zip(plans.items(), for_plans, strict=True):

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.calibration.simulate import Noise
 from symcal.config.study import StudyConfig
+from symcal.instruments.noise import Noise
 from symcal.paper.printed import printed_tables
 from symcal.paper.results import Setting, Study
 
@@ -64,8 +64,8 @@ def mean_norm(noise: Noise) -> float:
     cube's points from its corner; of normal ones: sqrt(8 / pi).
     """
     if noise.distribution == "uniform":
-        return float(noise.position * (np.sqrt(3) / 4 - np.pi / 24 + np.log(2 + np.sqrt(3)) / 2))
-    return float(noise.position * np.sqrt(8 / np.pi))
+        return float(noise.sizes["position"] * (np.sqrt(3) / 4 - np.pi / 24 + np.log(2 + np.sqrt(3)) / 2))
+    return float(noise.sizes["position"] * np.sqrt(8 / np.pi))
 
 
 def _links(setting: Setting) -> list[dict[str, Any]]:

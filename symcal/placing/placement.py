@@ -1,8 +1,13 @@
-"""The frames of the nominal robot fitted to data: closed forms for first guesses, then least squares on the frames."""
+"""Frames, points and instruments placed by the data with the nominal robot: first guesses, then least squares.
+
+Instruments whose readings give points or whole frames are placed in closed form, one after the other: what one has
+placed is known to the next. The others are searched for from many starts.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,81 +16,223 @@ from scipy.spatial.transform import Rotation
 from symcal.data.dataset import Dataset
 from symcal.fit.estimation import Fit, Options, fit
 from symcal.fit.residual_rows import rows_of
-from symcal.instruments import Setup
-from symcal.model.model import Model
-from symcal.parameters import frame_names, point_names
-from symcal.placing.registration import LEVER, Registration, hand_eye, register, virtual_points
-from symcal.placing.scene_placement import place_scene
-from symcal.spatial import inverse, pose_matrix
+from symcal.model.measurement import Setup
+from symcal.model.model import Model, State
+from symcal.model.observation import Observation
+from symcal.parameters import coordinate_names, frame_names
+from symcal.placing.ends import Ends, ends_of
+from symcal.placing.multistart import search
+from symcal.placing.registration import LEVER, register
+from symcal.placing.scene_placement import camera_guesses, place_scene
+from symcal.spatial import inverse
 
 Array = NDArray[np.float64]
 
+_ROUGH = {"mm": 1.0, "rad": 1 / LEVER, "px": 1.0}
+"""Noise with which places are found whose readings judge: only the ratio of units matters."""
+
+
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """Where everything is by nominal kinematics.
+
+    searches: instruments that were searched for, and how many of how many starts came to where they are.
+    """
+
+    setup: Setup
+    searches: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        return tuple(
+            f"where '{name}' stands was found by one of {starts} starts only: there may be a better place; a rough "
+            "place under 'near' would help"
+            for name, (agreed, starts) in self.searches.items()
+            if agreed < 2
+        )
+
 
 def place(model: Model, data: Dataset, options: Options) -> Setup:
+    """See `placed`."""
+    return placed(model, data, options).setup
+
+
+def placed(model: Model, data: Dataset, options: Options) -> Placed:
     """The model's frames and points as nominal kinematics and the data have them; always by Levenberg-Marquardt.
 
     A frame of which something is held starts from nominal, so that what is held stays as it was.
     """
-    if not model.placement:
-        return model.setup
+    free = placed_by(model, data)
+    if not free:
+        return Placed(model.setup)
     if model.task.scene is not None:
-        return place_scene(model, model.task.scene, data, options)
+        return Placed(place_scene(model, model.task.scene, data, options))
     options = replace(options, solver="levenberg_marquardt")
-    guesses = _guesses(model, data)
-    if len(guesses) > 1:
-        size = max(min(g.rms for g in guesses) / np.sqrt(3), model.measurement.groups[0].floor)
-        plain = replace(options, loss="linear", sigma={"position": size, "orientation": size / LEVER})
-        guesses = sorted(guesses, key=lambda g: _total(model, data, _fit(model, data, g, plain)))
-    found = _fit(model, data, guesses[0], options)
-    return found.setup.moved(model.parameters.mapping(found.x), model.measurement.point_names)
+    if len(model.task.observations) > 1:
+        # what nominal kinematics leaves is no noise of instruments: stated ones would tell how they share it
+        options = replace(options, sigma={})
+    nominal = State(model, model.setup, np.zeros(len(model.parameters)))
+    start = _start(nominal, data, free, options)
+    found = _fit(replace(nominal, setup=start.setup), data, free, options)
+    return Placed(_found(model, found, free), start.searches)
+
+
+def settled(state: State, data: Dataset) -> State:
+    """The state with what it has unplaced fitted to these data, the robot held."""
+    names = tuple(name for name in state.unplaced if name in placed_by(state.model, data))
+    if not names:
+        return state
+    own = _touching(state.model, data, names)
+    options = Options(sigma={group.name: _ROUGH[group.unit] for group in state.model.measurement.groups})
+    start = _start(state, own, names, options)
+    found = _fit(replace(state, setup=start.setup), own, names, options)
+    return replace(state, setup=_found(state.model, found, names), unplaced=())
+
+
+def _touching(model: Model, data: Dataset, names: Iterable[str]) -> Dataset:
+    """The data of observations that tell something of these parameters."""
+    wanted = set(names)
+    z = data.z.copy()
+    for part in model.measurement.parts:
+        if not wanted & set(part.observation.names):
+            z[:, part.readings] = np.nan
+    return replace(data, z=z).take(np.flatnonzero(np.isfinite(z).any(axis=1)))
+
+
+def placed_by(model: Model, data: Dataset) -> tuple[str, ...]:
+    """The placement as far as these data have anything of it: not that of instruments that have read nothing here."""
+    read = [
+        o for part, o in zip(model.measurement.parts, model.task.observations, strict=True) if part.seen(data.z).any()
+    ]
+    of_read = {name for o in read for name in o.names}
+    of_others = {name for o in model.task.observations for name in o.names} - of_read
+    return tuple(name for name in model.placement if name not in of_others)
 
 
 def stated(model: Model, setup: Setup) -> Array:
-    """The frames and points that the robot and the task state, as errors from a setup, shape (n,).
+    """The frames, points and numbers that the robot and the task state, as errors from a setup, shape (n,).
 
     That is where priors are centred: what is known of a frame is known of the stated one, wherever it is found.
     """
     errors: dict[str, float] = {}
     frames = [("base", setup.base, model.setup.base), ("tool", setup.tool, model.setup.tool)]
-    if setup.camera is not None and model.setup.camera is not None:
-        frames.append(("camera", setup.camera, model.setup.camera))
+    frames += [(name, place, model.setup.places[name]) for name, place in setup.places.items()]
     for name, frame, nominal in frames:
         step = inverse(frame) @ nominal
         turn = Rotation.from_matrix(step[:3, :3]).as_rotvec()
         errors |= dict(zip(frame_names(name), (*step[:3, 3], *turn), strict=True))
-    for name, shift in zip(model.measurement.point_names, model.setup.points - setup.points, strict=True):
-        errors |= dict(zip(point_names(name), shift, strict=True))
+    for name, shift in zip(model.measurement.points_called, model.setup.points - setup.points, strict=True):
+        errors |= dict(zip(coordinate_names(name), shift, strict=True))
+    errors |= {name: model.setup.own[name] - value for name, value in setup.own.items()}
     return np.array([float(errors.get(name, 0.0)) for name in model.parameters.names])
 
 
-def _guesses(model: Model, data: Dataset) -> list[Registration]:
-    task = model.task
-    flange, _, _ = model.flange(data.q, np.zeros(len(model.parameters)), Setup(np.eye(4), np.eye(4)).vector)
-    nominal = Registration(model.setup.base, model.setup.tool, model.setup.points, np.inf)
-    base = "base" in task.estimate and not any(name.startswith("base_") for name in task.fix)
-    tool = None if any(name.startswith("tool_") for name in task.fix) else task.tool
-    starts: tuple[Registration, ...] = ()
-    if not task.instrument.reads_points:
-        poses = pose_matrix(data.z)
-        poses = inverse(poses) if task.invert else poses
-        nominal = replace(nominal, points=virtual_points(np.eye(4)[None])[0])
-        if base and tool and len(data) >= 3:
-            first_base, first_tool = hand_eye(flange, poses)
-            starts = (replace(nominal, base=first_base, tool=first_tool),)
-        targets = virtual_points(poses)
-    else:
-        targets = data.z.reshape(len(data), -1, 3)
-    return register(flange, targets, nominal, base=base, tool=tool, starts=starts)
+def _found(model: Model, found: Fit, free: tuple[str, ...]) -> Setup:
+    """The setup of a placement, numbers of instruments included; those of a camera stay as they were calibrated."""
+    errors = {name: value for name, value in model.parameters.mapping(found.x).items() if name in free}
+    own = {name: value + errors.get(name, 0.0) * (name in model.frames) for name, value in found.setup.own.items()}
+    return replace(found.setup.moved(errors, model.measurement.points_called), own=own)
 
 
-def _fit(model: Model, data: Dataset, guess: Registration, options: Options) -> Fit:
-    points = guess.points if model.measurement.point_names else model.setup.points
-    setup = Setup(guess.base, guess.tool, points)
-    rows = rows_of(model.measurement, data, setup, model.residual)
-    return fit(rows, model.placement, options, prior_mean=stated(model, setup))
+def _start(state: State, data: Dataset, free: tuple[str, ...], options: Options) -> Placed:
+    """Every observation that has something free placed roughly, with the robot of a state."""
+    model, x = state.model, state.x
+    wanted = set(free)
+    observations = [o for o in model.task.observations if wanted & {*o.names, *_robot_frames(o)}]
+    givers = [o for o in observations if o.instrument.gives_point or o.instrument.camera is not None]
+    setup, still_open, later = state.setup, _open(model, free), list(observations)
+    while givers:
+        ends = [ends_of(model, o, still_open) for o in givers]
+        # what stands at a known place tells the base, before others are placed by it
+        order = sorted(range(len(givers)), key=lambda i: _doubt(ends[i]))
+        chosen, end = givers.pop(order[0]), ends[order[0]]
+        own = data.read_by(chosen.name) if len(data.of) > 1 else data
+        if end is None or len(own) == 0:
+            continue
+        setup = _by_points(replace(state, setup=setup), end, own, data, options)
+        still_open -= {*chosen.names, *_robot_frames(chosen)}
+        later.remove(chosen)
+    searches: dict[str, tuple[int, int]] = {}
+    rng = np.random.default_rng(0)
+    for o in later:
+        names = tuple(n for n in free if n in still_open and n in {*o.names, *_robot_frames(o)} and n in model.frames)
+        alone = data if len(data.of) == 1 else _only(model, data, o)
+        if not names or len(alone) == 0:
+            continue
+        found = search(model, alone, setup, x, names, _reach(model, data), rng)
+        setup = found.setup
+        still_open -= set(names)
+        searches[o.name] = (found.agreed, found.starts)
+    return Placed(setup, searches)
+
+
+def _open(model: Model, free: tuple[str, ...]) -> frozenset[str]:
+    """What is to be placed freely: frames of which something is held are not."""
+    held = {name.rpartition("_")[0] for name in model.task.fix}
+    return frozenset(name for name in free if name.rpartition("_")[0] not in held)
+
+
+def _robot_frames(o: Observation) -> tuple[str, ...]:
+    """Base and tool, as far as an observation tells them."""
+    on = {o.at.on, o.target.at.on}
+    return (*(frame_names("base") if "world" in on else ()), *(frame_names("tool") if "tool" in on else ()))
+
+
+def _doubt(end: Ends | None) -> int:
+    """How much of an observation's ends is unknown beside the base."""
+    if end is None:
+        return 9
+    return int(end.unknown(end.fixed)) * 2 + int(end.right_mode is not None)
+
+
+def _by_points(state: State, end: Ends, own: Dataset, data: Dataset, options: Options) -> Setup:
+    """The ends of one observation from its points or frames; among several guesses that which fits best."""
+    model, setup, chain = state.model, state.setup, end.chain(own.q, state.x)
+    if end.observation.instrument.camera is not None:
+        return camera_guesses(end, own, chain, setup)
+    nominal = end.registration(setup)
+    left, right = end.left_unknown, end.right_mode
+    if not left and right is None:
+        return setup
+    starts = end.starts(own, nominal, chain)
+    guesses = register(chain, end.measured(own), nominal, base=left, tool=right, starts=starts)
+    setups = [end.placed(setup, guess) for guess in guesses]
+    if len(setups) == 1:
+        return setups[0]
+    floor = min(group.floor for group in model.measurement.groups if group.unit == "mm")
+    size = max(min(guess.rms for guess in guesses) / np.sqrt(3), floor)
+    sigma = {g.name: size / (LEVER if g.unit == "rad" else 1.0) for g in model.measurement.groups}
+    plain = replace(options, loss="linear", sigma=sigma)
+    alone = data if len(data.of) == 1 else _only(model, data, end.observation)
+    own_names = {*end.observation.names, *_robot_frames(end.observation)} & end.open
+    names = tuple(name for name in model.placement if name in own_names)
+    return min(setups, key=lambda s: _total(model, alone, _fit(replace(state, setup=s), alone, names, plain)))
+
+
+def _only(model: Model, data: Dataset, o: Observation) -> Dataset:
+    """The data as if nothing else had measured."""
+    z = np.full_like(data.z, np.nan)
+    for part in model.measurement.parts:
+        if part.observation.name == o.name:
+            z[:, part.readings] = data.z[:, part.readings]
+    return replace(data, z=z).take(np.flatnonzero(np.isfinite(z).any(axis=1)))
+
+
+def _fit(state: State, data: Dataset, free: Iterable[str], options: Options) -> Fit:
+    model = state.model
+    rows = rows_of(model.measurement, data, state.setup, model.residuals)
+    names = tuple(name for name in free if name in model.frames)
+    return fit(rows, names, options, state.x, prior_mean=stated(model, state.setup))
 
 
 def _total(model: Model, data: Dataset, candidate: Fit) -> float:
     """Squared residuals of a placement with poses seen as points, so that guesses are compared in one unit."""
-    r, _ = rows_of(model.measurement, data, candidate.setup, model.residual)(candidate.x)
-    return float(np.sum((r * model.measurement.per_component({"position": 1.0, "orientation": LEVER})) ** 2))
+    r, _ = rows_of(model.measurement, data, candidate.setup, model.residuals)(candidate.x)
+    return float(np.sum((r * model.measurement.per_unit({"mm": 1.0, "rad": LEVER, "px": 1.0})) ** 2))
+
+
+def _reach(model: Model, data: Dataset) -> float:
+    """The nominal robot's length: links and strokes in these data, mm."""
+    lengths = [abs(v) for link in model.robot.links for kind, v in link.parameters.items() if kind in ("a", "d")]
+    strokes = [float(np.ptp(data.q[:, i])) for i, joint in enumerate(model.robot.joints) if not joint.revolute]
+    return float(sum(lengths) + sum(strokes)) + 100.0

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from symcal import spatial
 from symcal.camera.camera import Camera, project_points
 from symcal.camera.target import Target
-from symcal.instruments import Setup
 from symcal.kernels import BatchFunction, batch_function
 from symcal.kinematics import Chain
+from symcal.model.measurement import Setup
 from symcal.spatial import look_at as look_at
 
 Array = NDArray[np.float64]

@@ -29,7 +29,8 @@ def forecast_check(
     Args:
         errors: by part and state, as `symcal.calibration.compare.compare` gives them.
     """
-    if not model.measurement.kind.gives_point or "test" not in data.split or "after" not in errors.get("test", {}):
+    givers = [o for o in model.task.observations if o.instrument.gives_point]
+    if not givers or "test" not in data.split or "after" not in errors.get("test", {}):
         return None
     try:
         sigmas = nominal_noise(file, model)
@@ -43,7 +44,9 @@ def forecast_check(
     except RefusedError:
         return None
     accuracy = region_accuracy(info, TaskRegion(test.q))
-    predicted, sigma = accuracy.mean_rms(info.posterior(train.q)), sigmas["position"]
+    predicted = accuracy.mean_rms(info.posterior(train.q))
+    point = {group.observation: group.name for group in reversed(model.measurement.groups) if group.unit == "mm"}
+    sigma = float(np.sqrt(np.mean([sigmas[point[o.of]] ** 2 for o in givers])))
     truth = errors.get("truth", {}).get("after")
     return {
         "noise_sigma_mm": sigma,
@@ -58,4 +61,4 @@ def forecast_check(
 
 
 def _rms(errors: Errors) -> float:
-    return float(np.sqrt(np.mean(errors.position**2)))
+    return float(np.sqrt(np.mean(errors.size**2)))

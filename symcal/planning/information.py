@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from symcal.errors import RefusedError
 from symcal.fit.identifiability import Identifiability, analyse
 from symcal.fit.whitened import beforehand
-from symcal.instruments import Measurement, Setup
+from symcal.model.measurement import Measurement, Setup
 from symcal.planning.area import Feasible, WorkingArea, working_area
 from symcal.planning.subspace_rows import SubspaceRows, subspace_rows
 

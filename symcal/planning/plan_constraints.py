@@ -16,7 +16,8 @@ from symcal.config.conversion import ExperimentFile
 from symcal.config.plan import CameraConstraint, KeepOutBox, KeepOutPlane
 from symcal.documents.document import Document, Key
 from symcal.errors import InputError
-from symcal.model.model import Model, Scene
+from symcal.model.model import Model
+from symcal.model.task import Scene
 from symcal.planning.camera_view import CameraView, camera_view
 from symcal.planning.clearance import keep_out, plane
 from symcal.planning.constraints import Constraint

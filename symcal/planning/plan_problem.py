@@ -24,6 +24,7 @@ from symcal.planning.plan_constraints import clearance, own_camera, separate_cam
 from symcal.planning.plan_file import read_plan
 from symcal.planning.region import TaskRegion, area_region, box_region, csv_region
 from symcal.planning.skeleton import Skeleton, skeleton
+from symcal.planning.visibility import within_limits
 from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -61,7 +62,7 @@ class PlanProblem:
     @property
     def aligned(self) -> bool:
         """Whether errors are meant after one rigid alignment: the measurement cannot tell where the world is."""
-        return bool(self.info.measurement.kind.place)
+        return self.info.measurement.adrift
 
     @property
     def feasible(self) -> Feasible | None:
@@ -87,6 +88,8 @@ def plan_problem(file: ExperimentFile, document: Document, model: Model, rng: np
         view, measuring = separate_camera(plan.constraints.camera, file, document, model, inputs)
     elif model.task.scene is not None:
         view, measuring = own_camera(model.task.scene, file, document, model)
+    else:
+        measuring = within_limits(model)
     measuring = (*measuring, *moving)
     mask = feasible(measuring) if measuring else None
     required, required_names = _required(file, document, robot, measuring, inputs)
@@ -125,29 +128,30 @@ def nominal_noise(file: ExperimentFile, model: Model) -> dict[str, float]:
         RefusedError: none of them is stated. What a plan can promise is a multiple of the noise, and what is
         identifiable depends on it.
     """
-    measured, planned = file.measurement.noise, file.plan.noise
-    known = {
-        "position": measured.position or planned.position,
-        "orientation": measured.orientation or planned.orientation,
-        "image": measured.image or planned.image,
-    }
+    stated = {o.of: o.noise for o in model.task.observations}
+    simulated: dict[str, float] = {}
     if isinstance(file.data, SimulatedData):
-        noise = file.data.noise
-        root = 3**-0.5 if noise.distribution == "uniform" else 1.0
-        known["position"] = known["position"] or noise.position * root
-        known["orientation"] = known["orientation"] or noise.orientation * root
-        known["image"] = known["image"] or noise.image * root
+        root = 3**-0.5 if file.data.noise.distribution == "uniform" else 1.0
+        simulated = {name: size * root for name, size in file.data.noise.sizes.items()}
     out: dict[str, float] = {}
     for group in model.measurement.groups:
-        value = known.get(group.name)
+        value = stated[group.observation].get(group.quantity)
+        factor = file.units.factor(group.unit)
+        value = value or _times(file.plan.noise.get(group.quantity), factor)
+        value = value or _times(simulated.get(group.quantity), factor)
         if not value:
+            key = "measurement" if file.measurement is not None else f"measurements.{group.observation}"
             raise RefusedError(
                 f"no noise of the {group.name} is stated, so a plan can promise nothing and what is identifiable is "
-                f"undecided: give its standard deviation per axis under 'measurement.noise.{group.name}', or under "
-                f"'plan.noise.{group.name}' if it is only nominal"
+                f"undecided: give its standard deviation per axis under '{key}.noise.{group.quantity}', or under "
+                f"'plan.noise.{group.quantity}' if it is only nominal"
             )
-        out[group.name] = value * file.units.factor(group.unit)
+        out[group.name] = value
     return out
+
+
+def _times(value: float | None, factor: float) -> float | None:
+    return None if value is None else value * factor
 
 
 def _area(file: ExperimentFile, document: Document, robot: Robot) -> WorkingArea:

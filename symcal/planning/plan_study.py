@@ -16,6 +16,7 @@ from symcal.planning.accuracy_forecast.forecast import Forecast, PosesNeeded, fo
 from symcal.planning.accuracy_forecast.random_band import RandomBand, random_band
 from symcal.planning.area import draw
 from symcal.planning.drive_plan import Planned, find_plan, plan_generator, search
+from symcal.planning.instrument_comparison import InstrumentSet, compare_instruments
 from symcal.planning.methods import fewest_poses
 from symcal.planning.plan_problem import PlanProblem, plan_problem
 from symcal.planning.region import Accuracy, region_accuracy
@@ -56,6 +57,7 @@ class PlanStudy:
     band: RandomBand | None
     needed: tuple[PosesNeeded, ...]
     field: ErrorField
+    instruments: tuple[InstrumentSet, ...] = ()
 
 
 def find(
@@ -80,7 +82,8 @@ def find(
             methods[name] = search(problem, wanted, name, stream, progress=progress)
     foretold, band, needed = _promise(problem, accuracy, wanted, for_promise, progress)
     field = _field(problem, accuracy, planned, for_field)
-    return PlanStudy(file, problem, planned, accuracy, methods, foretold, band, needed, field)
+    instruments = compare_instruments(file, document, model, problem, planned.plan.poses)
+    return PlanStudy(file, problem, planned, accuracy, methods, foretold, band, needed, field, instruments)
 
 
 def _promise(

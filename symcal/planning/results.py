@@ -10,9 +10,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from symcal.calibration.results import noise_facts
 from symcal.compensation.targets import joint_columns
 from symcal.config.plan import AreaRegion, BoxRegion, FileRegion
-from symcal.parameters import point_names
+from symcal.model.measurement import Measurement
+from symcal.parameters import coordinate_names
 from symcal.planning.accuracy_forecast.forecast import Forecast, PosesNeeded
 from symcal.planning.accuracy_forecast.random_band import RandomBand
 from symcal.planning.constraints import complaints
@@ -27,15 +29,13 @@ Array = NDArray[np.float64]
 _SMALLER_IS_BETTER = ("A", "cond", "I", "G", "J")
 
 
-def plan_facts(plan: Plan) -> dict[str, Any]:
+def plan_facts(plan: Plan, measurement: Measurement) -> dict[str, Any]:
     """The plan, its certificate and prediction, with random plans beside it."""
     proof, foretold, random = plan.certificate, plan.prediction, plan.random
     out: dict[str, Any] = {
         "poses": len(plan),
         "rank": plan.rank,
-        "noise_sigma_mm": plan.sigmas.get("position"),
-        "noise_sigma_deg": _degrees(plan.sigmas.get("orientation")),
-        "noise_sigma_px": plan.sigmas.get("image"),
+        **noise_facts(plan.sigmas, measurement),
         "method": plan.method,
         "criterion": plan.criterion,
         "criterion_value": plan.value,
@@ -63,10 +63,6 @@ def plan_facts(plan: Plan) -> dict[str, Any]:
             "mean_pose_rms_mm": _finite(random.mean_pose_rms_mm),
         }
     return out
-
-
-def _degrees(value: float | None) -> float | None:
-    return None if value is None else math.degrees(value)
 
 
 def _finite(value: float) -> float | None:
@@ -213,14 +209,14 @@ def plan_notes(problem: PlanProblem, planned: Planned) -> list[str]:
     notes = list(planned.motion.conflicts)
     measurement, points = problem.info.measurement, problem.info.setup.points
     unknown = [
-        name
-        for name, point in zip(measurement.point_names, points, strict=False)
-        if point_names(name)[0] in measurement.parameters.names and not point.any()
+        name.removeprefix("tool_")
+        for name, point in zip(measurement.points_called, points, strict=True)
+        if coordinate_names(name)[0] in measurement.parameters.names and not point.any()
     ]
     if unknown:
         notes.append(
             f"where {', '.join(unknown)} sit on the tool is not stated: the plan takes the origin of the tool, where "
-            "some directions cannot be seen; rough coordinates under 'measurement.points' make it truer"
+            "some directions cannot be seen; rough coordinates (under 'measurement.points', or as 'near') make it truer"
         )
     if not planned.timed:
         slow = [joint.name for joint in problem.robot.joints if joint.speed is None]

@@ -8,9 +8,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.instruments import Setup
 from symcal.kernels import BatchFunction, batch_function
 from symcal.kinematics import Chain
+from symcal.model.measurement import Setup
 
 Array = NDArray[np.float64]
 

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.camera.camera import project_points
+from symcal.kernels import BatchFunction, batch_function
+from symcal.model.model import Model
 from symcal.planning.camera_view import CameraView
 from symcal.planning.constraints import Constraint
 
@@ -35,6 +37,34 @@ def visibility(
         Constraint("target in the range of depth", "mm", _Depth(view, *depth), scale=100.0),
         Constraint("target turned towards the camera", "rad", _Incidence(view, incidence), scale=0.1),
     )
+
+
+def within_limits(model: Model) -> tuple[Constraint, ...]:
+    """What it takes for every instrument to read all that it is to read at a pose, at nominal."""
+    made = []
+    for part in model.measurement.parts:
+        if part.margins is None:
+            continue
+        kernel, o = batch_function(part.margins), part.observation
+        for i, limit in enumerate(o.instrument.limits):
+            violation = _Limit(kernel, model.setup.vector, np.zeros(len(model.parameters)), len(o.instrument.limits), i)
+            made.append(Constraint(f"{o.target.name} {limit.name} '{o.name}'", limit.unit, violation, limit.scale))
+    return tuple(made)
+
+
+@dataclass(frozen=True, slots=True)
+class _Limit:
+    """By how much the worst feature is beyond limit i of so many."""
+
+    kernel: BatchFunction
+    setup: Array
+    x: Array
+    limits: int
+    i: int
+
+    def __call__(self, poses: Array) -> Array:
+        (margins,) = self.kernel(poses, self.x, self.setup)
+        return np.asarray(-margins.reshape(len(poses), -1, self.limits)[:, :, self.i].min(axis=1))
 
 
 @dataclass(frozen=True, slots=True)

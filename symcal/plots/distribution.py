@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from symcal.calibration.evaluate import Errors
-from symcal.plots.panels import SHOWN, far_apart, legend, logarithmic
+from symcal.plots.panels import SHOWN, far_apart, legend, logarithmic, opening, quantity
 from symcal.plots.style import INK, LOOKS, PARTS, WIDE, Illustration, grid, print_settings, settle, sheet
 from symcal.words import listed, number, plural
 
@@ -27,14 +27,14 @@ def error_distribution(
     against: str = "noisy measurement",
     name: str = "error_distribution",
 ) -> Illustration:
-    """Histogram and cumulative distribution of the norms of the position error, by state.
+    """Histogram and cumulative distribution of the norms of errors, by state.
 
     Args:
         states: errors by state, of one part of the data. part: which one (`test`, `truth`, ...), for the words.
         name: of the figure's files.
     """
     shown = [s for s in ("before_raw", *SHOWN) if s in states]
-    norms = {s: np.sort(states[s].position) for s in shown}
+    norms = {s: np.sort(states[s].size) for s in shown}
     top = max(float(v[-1]) for v in norms.values()) or 1.0
     wide = far_apart(norms)
     bottom = 0.8 * min(float(np.percentile(v, 2)) for v in norms.values()) if wide else 0.0
@@ -60,8 +60,9 @@ def error_distribution(
             right.step(at, share, where="post", color=look.color, linestyle=look.line, linewidth=width)
         right.axhline(95, color=INK, linewidth=0.5, linestyle=":")
         right.set_yticks([0, 20, 40, 60, 80, 95])
-        left.set(xlabel="position error / mm", ylabel="observations", xlim=(edges[0], top), ylim=(0, None))
-        right.set(xlabel="position error / mm", ylabel="observations below / %", xlim=(edges[0], top), ylim=(0, 103))
+        label = quantity(states["after"])
+        left.set(xlabel=label, ylabel="observations", xlim=(edges[0], top), ylim=(0, None))
+        right.set(xlabel=label, ylabel="observations below / %", xlim=(edges[0], top), ylim=(0, 103))
         left.yaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
         for panel in (left, right):
             grid(panel)
@@ -69,14 +70,20 @@ def error_distribution(
                 panel.set_xscale("log")
                 logarithmic(panel.xaxis)
         legend(figure, shown, markers=False, lines=True)
-    truth = part == "truth"
-    count = plural(len(norms["after"]), f"{PARTS[part]} observation")
-    quantiles = listed([f"{number(float(np.percentile(norms[s], 95)))} mm {_WORDS[s]}" for s in shown])
+    title = f"Distribution of the {'true ' if part == 'truth' else ''}error"
+    return Illustration(settle(figure), name, title, _caption({s: states[s] for s in shown}, part, against))
+
+
+def _caption(states: Mapping[str, Errors], part: str, against: str) -> str:
+    after = states["after"]
+    count = plural(len(after.size), f"{PARTS[part]} observation")
+    what = "Position errors" if after.of_tool else opening(after.title)
+    quantiles = [f"{number(float(np.percentile(e.size, 95)))} {e.unit} {_WORDS[s]}" for s, e in states.items()]
     caption = (
-        f"Position errors of {count}, against the {'simulated truth' if truth else against}: number in each class "
-        f"(left) and share below (right). 95 % of them are below {quantiles}."
+        f"{what} of {count}, against the {'simulated truth' if part == 'truth' else against}: number in each class "
+        f"(left) and share below (right). 95 % of them are below {listed(quantiles)}."
     )
     if "before" in states:
-        better = float(np.mean(states["after"].position < states["before"].position))
+        better = float(np.mean(after.size < states["before"].size))
         caption += f" The identification made {number(100 * better, 2)} % of them smaller."
-    return Illustration(settle(figure), name, f"Distribution of the {'true ' if truth else ''}error", caption)
+    return caption

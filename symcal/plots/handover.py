@@ -9,8 +9,8 @@ from matplotlib.colors import LogNorm
 from numpy.typing import NDArray
 from scipy.stats import binned_statistic_2d
 
+from symcal.calibration.compensation_check import Handover
 from symcal.calibration.evaluate import statistics
-from symcal.compensation.handover import Handover
 from symcal.plots.panels import logarithmic
 from symcal.plots.style import (
     LOOKS,
@@ -43,7 +43,7 @@ def handover_figures(handover: Handover) -> tuple[Illustration, ...]:
 
 def compensation(handover: Handover) -> Illustration:
     """Cumulative distribution of the position errors against truth, as planned and compensated."""
-    norms = {"before": np.sort(handover.before.position), "after": np.sort(handover.after.position)}
+    norms = {"before": np.sort(handover.before.size), "after": np.sort(handover.after.size)}
     least = 0.5 * max(float(np.percentile(norms["after"], 1)), 1e-12)
     share = 100 * (np.arange(len(handover.wanted)) + 0.5) / len(handover.wanted)
     with print_settings():
@@ -100,7 +100,7 @@ def compensation_map(handover: Handover) -> Illustration:
 
 
 def _norms(handover: Handover, state: str) -> Array:
-    return (handover.before if state == "before" else handover.after).position
+    return (handover.before if state == "before" else handover.after).size
 
 
 def _side(points: Array) -> Array:
@@ -124,7 +124,7 @@ def _decades(values: Array) -> tuple[float, float]:
 
 
 def _distribution_caption(handover: Handover) -> str:
-    before, after = statistics(handover.before.position), statistics(handover.after.position)
+    before, after = statistics(handover.before.size), statistics(handover.after.size)
     away = int((~handover.reached).sum())
     text = (
         f"Where the tool of the true robot is at {plural(len(handover.wanted), 'random pose')} of the working area, "
@@ -143,7 +143,7 @@ def _map_caption(handover: Handover) -> str:
     reached = handover.reached
     if not reached.any():
         return "Largest position error of all poses whose tool is in a cell. No pose could be compensated fully."
-    inside = statistics(handover.after.position[reached])
+    inside = statistics(handover.after.size[reached])
     away = len(reached) - inside.count
     text = (
         "Largest position error against truth of all poses whose tool is in a cell, with the commands as planned "

@@ -44,6 +44,7 @@ def identification_figures(
         figures.insert(2, error_distribution(errors["truth"], "truth", name="true_error_distribution"))
     if (calibration.after.posterior.learnt >= MOSTLY).sum() > 1:
         figures.append(correlation_matrix(calibration.after))
-    if errors.get("test") and "test" in parts and calibration.model.measurement.kind.gives_point:
+    points = any(o.instrument.gives_point for o in calibration.model.task.observations)
+    if points and errors.get("test") and "test" in parts and errors["test"]["after"].of_tool:
         figures.append(predicted_error(calibration, parts["test"], errors["test"]["after"]))
     return tuple(figures)

@@ -108,5 +108,16 @@ def per_pose(values: Array, pose: NDArray[np.intp]) -> tuple[NDArray[np.intp], A
     return seen, np.sqrt(np.bincount(place, values**2) / np.bincount(place))
 
 
-def position_rms(errors: Errors) -> float:
-    return float(np.sqrt(np.mean(errors.position**2)))
+def rms(errors: Errors) -> float:
+    """Of the norms of errors, in their unit."""
+    return errors.statistics.rms
+
+
+def opening(words: str) -> str:
+    """Words as a sentence begins with them."""
+    return words[:1].upper() + words[1:]
+
+
+def quantity(errors: Errors) -> str:
+    """What an axis of their norms says: `position error / mm`."""
+    return f"{errors.title} / {errors.unit}"

@@ -18,9 +18,10 @@ from symcal.plots.panels import (
     legend,
     logarithmic,
     marker_size,
+    opening,
     per_pose,
     places,
-    position_rms,
+    rms,
     titles,
 )
 from symcal.plots.style import (
@@ -44,20 +45,21 @@ Array = NDArray[np.float64]
 def errors_per_pose(
     errors: Comparison, labels: Mapping[str, Sequence[str]] | None = None, against: str = "noisy measurement"
 ) -> Illustration:
-    """Position error of every pose (rms over its points), and rotation angle where there is one, before and after.
+    """Error of every pose (rms over its points), and rotation angle where there is one, before and after.
 
     Args:
         errors: by part and state; `train` and `test` are drawn side by side in the order of the measurement.
         labels: names of the poses of each part, for the worst one. against: what the errors are taken against.
     """
     parts = drawn_parts(errors)
-    orientation = all(e.orientation is not None for part in parts for e in errors[part].values())
-    several = any(e.point.max() > 0 for part in parts for e in errors[part].values())
+    everything = [e for part in parts for e in errors[part].values()]
+    orientation = all(e.orientation is not None and len(e.orientation) == len(e.pose) for e in everything)
+    judged = errors[parts[0]]["after"]
     with print_settings():
         figure = sheet(WIDE, 92 if orientation else 58)
         rows = list(figure.subplots(2 if orientation else 1, 1, sharex=True, squeeze=False)[:, 0])
-        at = _panel(rows[0], errors, parts, _position, position_rms)
-        rows[0].set_ylabel("position error" + (",\nrms over points" if several else "") + " / mm")
+        at = _panel(rows[0], errors, parts, _sizes, rms)
+        rows[0].set_ylabel(f"{judged.title}{_together(everything)} / {judged.unit}")
         if orientation:
             _panel(rows[1], errors, parts, _orientation, _orientation_rms)
             rows[1].set_ylabel("orientation error / deg")
@@ -91,8 +93,8 @@ def _panel(
                 # the outermost ring is the largest, so that states which coincide all show
                 larger = 1.0 if state == "before" and not cloud else 0.0
                 axes.plot(x, found, **marks(look), markersize=size + larger, zorder=3)
-            rms = rms_of(errors[part][state])
-            axes.hlines(rms, x[0] - half, x[-1] + half, color=look.color, linestyle=look.line, linewidth=1, zorder=4)
+            level = rms_of(errors[part][state])
+            axes.hlines(level, x[0] - half, x[-1] + half, color=look.color, linestyle=look.line, linewidth=1, zorder=4)
             lowest, highest = min(lowest, float(np.percentile(found, 1))), max(highest, float(found.max()))
     if far_apart({s: values_of(errors[parts[-1]][s]) for s in errors[parts[-1]]}) and lowest > 0:
         axes.set_ylim(0.7 * lowest, 1.4 * highest)
@@ -104,16 +106,24 @@ def _panel(
     return at
 
 
-def _position(errors: Errors) -> Array:
-    return per_pose(errors.position, errors.pose)[1]
+def _together(everything: Sequence[Errors]) -> str:
+    """Over what the error of a pose is an rms, if not one observation alone."""
+    if any(errors.point.max() > 0 for errors in everything):
+        return f",\nrms over {'axes' if everything[0].unit == 'deg' else 'points'}"
+    return ",\nrms over instruments" if any(len(np.unique(e.pose)) < len(e.pose) for e in everything) else ""
+
+
+def _sizes(errors: Errors) -> Array:
+    return per_pose(errors.size, errors.pose)[1]
 
 
 def _orientation(errors: Errors) -> Array:
-    return np.zeros(0) if errors.orientation is None else np.rad2deg(errors.orientation)
+    """Rotation angles by pose, deg; an instrument that reads attitudes gives one for each of its observations."""
+    return np.zeros(0) if errors.orientation is None else np.rad2deg(per_pose(errors.orientation, errors.pose)[1])
 
 
 def _orientation_rms(errors: Errors) -> float:
-    return float(np.sqrt(np.mean(_orientation(errors) ** 2)))
+    return 0.0 if errors.orientation is None else float(np.rad2deg(np.sqrt(np.mean(errors.orientation**2))))
 
 
 def _caption(
@@ -123,20 +133,21 @@ def _caption(
     sentences = []
     for part in parts:
         shown = [s for s in SHOWN if s in errors[part]]
-        values = [f"{number(position_rms(errors[part][s]))}" for s in shown]
-        text = f"{' → '.join(values)} mm"
+        values = [f"{number(rms(errors[part][s]))}" for s in shown]
+        text = f"{' → '.join(values)} {errors[part]['after'].unit}"
         if orientation:
             text += f" and {' → '.join(number(_orientation_rms(errors[part][s])) for s in shown)} deg"
         sentences.append(f"{text} over the {PARTS[part]} poses")
     last = parts[-1]
     found = errors[last]["after"]
-    worst = int(np.argmax(found.position))
+    worst = int(np.argmax(found.size))
     pose = int(found.pose[worst])
     label = labels[last][pose] if last in labels else str(pose + 1)
-    cloud = crowded([len(_position(errors[part]["after"])) for part in parts])
+    cloud = crowded([len(_sizes(errors[part]["after"])) for part in parts])
     only = " (of 'joint offsets only' nothing else is drawn)" if cloud else ""
     return (
-        f"Tool error against the {against}, pose by pose; horizontal lines are the rms{only}. "
-        f"Rms {' → '.join(words[s] for s in SHOWN if s in errors[last])}: {'; '.join(sentences)}. The largest position "
-        f"error after the identification is {number(float(found.position[worst]))} mm, at {PARTS[last]} pose '{label}'."
+        f"{opening(found.words)} against the {against}, pose by pose; horizontal lines are the rms{only}. "
+        f"Rms {' → '.join(words[s] for s in SHOWN if s in errors[last])}: {'; '.join(sentences)}. The largest "
+        f"{found.title} after the identification is {number(float(found.size[worst]))} {found.unit}, at {PARTS[last]} "
+        f"pose '{label}'."
     )

@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 def predicted_error(calibration: Calibration, data: Dataset, after: Errors) -> Illustration:
     """Realised position error of held-out poses over the predicted one, with the noise of the measurement in both.
 
+    Of all instruments that give points, at the poses that they have read.
+
     Predicted is sqrt(tr(J C J^T) + tr Sigma) per point. The 95 % limit takes the components as independent and alike
     and the noise as known with the degrees of freedom of the fit (Fisher's F in place of chi-squared), which is ours.
 
@@ -27,11 +29,10 @@ def predicted_error(calibration: Calibration, data: Dataset, after: Errors) -> I
         data: held-out measurements. after: the errors of the identified robot on them.
     """
     fit = calibration.after
-    expected = expected_position_rms(calibration.model, fit, data.q)
-    predicted = np.sqrt(expected**2 + _noise(calibration, data) ** 2)
-    poses, realised = per_pose(after.position, after.pose)
-    predicted, expected = predicted[poses], expected[poses]
-    components = 3 * np.bincount(np.unique(after.pose, return_inverse=True)[1])
+    poses, realised = per_pose(after.size, after.pose)
+    expected = expected_position_rms(calibration.model, fit, data.q[poses])
+    predicted = np.sqrt(expected**2 + _noise(calibration, data.take(poses), after.vectors.shape[1]) ** 2)
+    components = after.vectors.shape[1] * np.bincount(np.unique(after.pose, return_inverse=True)[1])
     limit = np.sqrt(stats.f.ppf(0.95, components, max(fit.dof, 1.0)))
     inside = realised <= predicted * limit
     with print_settings():
@@ -82,11 +83,16 @@ def predicted_error(calibration: Calibration, data: Dataset, after: Errors) -> I
     return Illustration(settle(figure), "predicted_error", "Predicted and measured error", caption)
 
 
-def _noise(calibration: Calibration, data: Dataset) -> Array:
-    """Rms norm of the measurement's noise per point, shape (N,), mm."""
-    columns = list(calibration.model.measurement.groups[0].columns)
-    sigma = np.full((len(data), len(columns)), calibration.after.sigmas.get("position", np.nan))
+def _noise(calibration: Calibration, data: Dataset, size: int) -> Array:
+    """Rms norm of the noise of what has been read of points, per point of ``size`` components, shape (N,), mm."""
+    measurement = calibration.model.measurement
+    judged = {o.of: o.instrument.error[0] for o in measurement.observations if o.instrument.gives_point}
+    groups = [group for group in measurement.groups if group.quantity == judged.get(group.observation)]
+    columns = [column for group in groups for column in group.columns]
+    found = [calibration.after.sigmas.get(group.name, np.nan) for group in groups for _ in group.columns]
+    sigma = np.tile(found, (len(data), 1))
     if data.sigma is not None:
         given = data.sigma[:, columns]
         sigma = np.where(np.isfinite(given), given, sigma)
-    return np.asarray(np.sqrt(3 * np.nanmean(sigma**2, axis=1)))
+    seen = np.hstack([part.seen(data.z) for part in measurement.parts])[:, columns]
+    return np.asarray(np.sqrt(size * np.nanmean(np.where(seen, sigma, np.nan) ** 2, axis=1)))

@@ -1,18 +1,35 @@
-"""Residuals of the position by axis: what the model leaves, and whether it looks like noise."""
+"""Residuals by component: what the model leaves, and whether it looks like noise."""
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Mapping
 
-from symcal.plots.panels import drawn_parts, dress, far_apart, legend, marker_size, places, titles
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from symcal.calibration.evaluate import Errors
+from symcal.plots.panels import (
+    drawn_parts,
+    dress,
+    far_apart,
+    legend,
+    marker_size,
+    opening,
+    places,
+    titles,
+)
 from symcal.plots.style import INK, LOOKS, WIDE, Comparison, Illustration, grid, marks, print_settings, settle, sheet
 from symcal.words import listed, number, plural
 
+Array = NDArray[np.float64]
+
 _BINS = 41
+_AXES = ("x", "y", "z")
 
 
 def residuals_per_axis(errors: Comparison, against: str = "noisy measurement") -> Illustration:
-    """Components x, y, z in world of the position error of every observation, before and after, with histograms.
+    """Components of the error of every observation (of points x, y, z in world), before and after, with histograms.
 
     Where the errors before are so much larger that those after would be a line, only the latter are drawn.
 
@@ -21,51 +38,79 @@ def residuals_per_axis(errors: Comparison, against: str = "noisy measurement") -
     """
     parts = drawn_parts(errors)
     counts = [len(errors[part]["after"].vectors) for part in parts]
-    at = places(counts)
     pooled = {
         s: np.vstack([errors[part][s].vectors for part in parts]) for s in ("before", "after") if s in errors[parts[0]]
     }
     hidden = far_apart({s: np.linalg.norm(v, axis=1) for s, v in pooled.items()})
     if hidden:
         pooled = {"after": pooled["after"]}
-    states = list(pooled)
+    judged = errors[parts[0]]["after"]
+    labels = _labels(judged)
     limit = 1.08 * max(float(np.abs(v).max()) for v in pooled.values()) or 1.0
-    edges = np.linspace(-limit, limit, _BINS + 1)
+    at = places(counts)
     with print_settings():
-        figure = sheet(WIDE, 84)
-        axes = figure.subplots(3, 2, sharex="col", sharey=True, width_ratios=[5, 1])
+        figure = sheet(WIDE, 30 + 18 * len(labels))
+        axes = figure.subplots(len(labels), 2, sharex="col", sharey=True, width_ratios=[5, 1], squeeze=False)
         for i, (series, histogram) in enumerate(axes):
-            for state in states:
-                look = LOOKS[state]
-                x, values = np.concatenate(at), pooled[state][:, i]
-                series.plot(x, values, **marks(look), markersize=marker_size(counts), zorder=3)
-                histogram.stairs(
-                    np.histogram(values, edges)[0],
-                    edges,
-                    orientation="horizontal",
-                    fill=not look.hollow,
-                    color=look.color,
-                    alpha=None if look.hollow else 0.75,
-                    linewidth=0.9,
-                )
-            for panel in (series, histogram):
-                grid(panel)
-                panel.axhline(0, color=INK, linewidth=0.5, zorder=1)
+            _draw(series, histogram, {s: v[:, i] for s, v in pooled.items()}, np.concatenate(at), limit)
             dress(series, at, titles(errors, parts) if i == 0 else ())
-            series.set_ylabel(f"error in {'xyz'[i]} / mm")
+            series.set_ylabel(labels[i])
         axes[0, 0].set_ylim(-limit, limit)
-        axes[2, 0].set_xlabel("observation, in the order of the measurement")
-        axes[2, 1].set_xlabel("observations")
-        legend(figure, states, markers=True, lines=False)
-    mean, spread = pooled["after"].mean(axis=0), pooled["after"].std(axis=0)
-    bias, sigma = (
-        listed([f"{number(v, 2)} mm in {c}" for v, c in zip(values, "xyz", strict=True)]) for values in (mean, spread)
-    )
-    caption = (
-        f"Components of the position error in world, model minus {against.removeprefix('noisy ')}, of "
-        f"{plural(sum(counts), 'observation')}; histograms over all of them. After the identification the mean is "
-        f"{bias}, the standard deviation {sigma}. A pattern over the poses would be an effect that the model lacks."
-    )
+        axes[-1, 0].set_xlabel("observation, in the order of the measurement")
+        axes[-1, 1].set_xlabel("observations")
+        legend(figure, list(pooled), markers=True, lines=False)
+    caption = _caption(judged, pooled["after"], against.removeprefix("noisy "))
     if hidden:
         caption += " The errors before are so much larger that they are not drawn."
-    return Illustration(settle(figure), "residuals_per_axis", "Residuals by axis", caption)
+    title = "Residuals" if len(labels) == 1 else f"Residuals by {'axis' if judged.names == _AXES else 'component'}"
+    return Illustration(settle(figure), "residuals_per_axis", title, caption)
+
+
+def _labels(errors: Errors) -> list[str]:
+    """What the axis of each component says."""
+    if len(errors.names) == 1:
+        return [f"error / {errors.unit}"]
+    if errors.names == _AXES:
+        return [f"error in {axis} / {errors.unit}" for axis in _AXES]
+    return [f"{name.replace('_', ' ')} / {errors.unit}" for name in errors.names]
+
+
+def _draw(series: Axes, histogram: Axes, states: Mapping[str, Array], at: Array, limit: float) -> None:
+    """One component of every observation by state, shape (k,), over its place and as a histogram."""
+    edges = np.linspace(-limit, limit, _BINS + 1)
+    for state, values in states.items():
+        look = LOOKS[state]
+        series.plot(at, values, **marks(look), markersize=marker_size([len(at)]), zorder=3)
+        histogram.stairs(
+            np.histogram(values, edges)[0],
+            edges,
+            orientation="horizontal",
+            fill=not look.hollow,
+            color=look.color,
+            alpha=None if look.hollow else 0.75,
+            linewidth=0.9,
+        )
+    for panel in (series, histogram):
+        grid(panel)
+        panel.axhline(0, color=INK, linewidth=0.5, zorder=1)
+
+
+def _caption(errors: Errors, after: Array, against: str) -> str:
+    """Args: after: components of all observations after the identification, shape (k, d)."""
+    mean, spread = (_each(errors, values) for values in (after.mean(axis=0), after.std(axis=0)))
+    what = f"components of the {errors.title}" if len(errors.names) > 1 else errors.title
+    where = " in world" if errors.names == _AXES else ""
+    return (
+        f"{opening(what)}{where}, model minus {against}, of {plural(len(after), 'observation')}; histograms over all "
+        f"of them. After the identification the mean is {mean}, the standard deviation {spread}. A pattern over the "
+        "poses would be an effect that the model lacks."
+    )
+
+
+def _each(errors: Errors, values: Array) -> str:
+    """A value of every component with its unit and, where there are several, its name."""
+    shown = [f"{number(float(value), 2)} {errors.unit}" for value in values]
+    if len(shown) == 1:
+        return shown[0]
+    names = [name.replace("_", " ") for name in errors.names]
+    return listed([f"{value} in {name}" for value, name in zip(shown, names, strict=True)])

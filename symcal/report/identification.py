@@ -7,12 +7,25 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
+from symcal.parameters import FRAME_AXES
 from symcal.report.handover import handover_text
 from symcal.report.images import images_text
+from symcal.report.instruments import instruments_text
 from symcal.report.learnt import learnt_and_assumed
+from symcal.report.measured import (
+    Facts,
+    Judged,
+    fitted_before,
+    judged,
+    noise_words,
+    observers,
+    observers_named,
+    stands_on,
+    unknowns,
+)
 from symcal.report.parameter_table import parameter_table
 from symcal.report.verdict import judging_part, usable, verdict
 from symcal.words import MINUS, fixed, listed, number, plural
@@ -31,6 +44,8 @@ _PARTS = {
     "train": "training poses",
     "truth": "simulated test poses, against the truth",
 }
+_OF_THE_ROBOT, _CAMERA = ("base", "tool"), "camera"
+_POINTS = "points_mm"
 _COLUMNS = ("rms", "mean", "p95", "max")
 _MOST_NAMED = 8  # parameters of an unseen direction that are named in the report
 _AS_STATED = 1.15  # a factor on the sizes nearer to one than this is no news
@@ -51,10 +66,11 @@ def identification_text(content: Content) -> dict[str, Any]:
         "usable": usable(content),
         "warnings": list(content.get("warnings", [])),
         "accuracy": _accuracy(content),
+        "instruments": instruments_text(content),
         "images": images_text(content),
         "identifiability": _identifiability(content),
         "parameters": parameter_table(content["identification"]["parameters"]),
-        "frames": _frames(content.get("frames", {}), content["measurement"].get("estimate", [])),
+        "frames": _frames(content),
         "handover": handover_text(content),
         "facts": _facts(content),
         "inputs": [[path, digest] for path, digest in content["inputs"].items()],
@@ -66,10 +82,16 @@ def _subtitle(content: Content) -> str:
     words = {"train": "training", "test": "held-out"}
     poses = listed([f"{count} {words.get(part, part)}" for part, count in measurement["poses"].items() if count])
     points = measurement.get("points", [])
-    of_points = f" of {plural(len(points), 'point')}" if len(points) > 1 else ""
+    of_points = f" of {len(points)} {'axes' if judged(content).unit == 'deg' else 'points'}" if len(points) > 1 else ""
+    instruments = observers(content)
+    measurements = (
+        f"Measurements of {observers_named(instruments)}"
+        if len(instruments) > 1
+        else f"{measurement['type'].capitalize()} measurements{of_points}"
+    )
     return (
         f"{robot['name']}: {plural(robot['dof'], 'joint')}, {robot['convention']} link convention. "
-        f"{measurement['type'].capitalize()} measurements{of_points}, {poses} poses."
+        f"{measurements}, {poses} poses."
     )
 
 
@@ -77,8 +99,8 @@ def _subtitle(content: Content) -> str:
 
 
 def _accuracy(content: Content) -> dict[str, Any]:
-    parts = [part for part in _PARTS if part in content["accuracy"]]
-    quantities = [q for q in ("position_mm", "orientation_deg") if _rms_values(content, parts, q)]
+    parts, what = [part for part in _PARTS if part in content["accuracy"]], judged(content)
+    quantities = [q for q in (what.key, "orientation_deg") if _rms_values(content, parts, q)]
     decimals = {q: _shared_decimals(_rms_values(content, parts, q)) for q in quantities}
     groups = []
     for part in parts:
@@ -93,12 +115,33 @@ def _accuracy(content: Content) -> dict[str, Any]:
         groups.append({"label": _group_label(content, part), "rows": rows})
     angles = "orientation_deg" in quantities
     note = (
-        f"Euclidean norms over observations{', rotation angles over poses' if angles else ''}, "
+        f"{'Sizes of errors' if what.scalar else 'Euclidean norms'} over observations"
+        f"{', rotation angles over poses' if angles else ''}, "
         f"against the {content['against']}{' unless the truth is named' if 'truth' in parts else ''}. 'Before' is the "
-        "nominal kinematics with base and tool fitted on the training poses; 95 % of the errors are below the figure "
-        "under 95 %."
+        f"nominal kinematics with {fitted_before(content)} fitted on the training poses; 95 % of the errors are below "
+        f"the figure under 95 %.{_whose(content, what)}{_fitted_to_them(content, what)}"
     )
-    return {"groups": groups, "angles": angles, "note": note}
+    head = [f"{what.title} / {what.unit}", *(["orientation error / deg"] if angles else [])]
+    return {"groups": groups, "head": head, "note": note}
+
+
+def _whose(content: Content, what: Judged) -> str:
+    """Whose errors the table and the figures have, where several instruments measured."""
+    if len(observers(content)) < 2:
+        return ""
+    whose = "the instruments that read whole points" if what.reader is None else what.reader
+    return f" Here and in the figures they are those of {whose}; those of every instrument are under Instruments."
+
+
+def _fitted_to_them(content: Content, what: Judged) -> str:
+    """What could not be found on training poses, since nothing was read there that tells of it."""
+    facts = content["accuracy"][judging_part(content)]["after"][what.key]
+    if not facts.get("fitted"):
+        return ""
+    return (
+        f" {plural(facts['fitted'], 'parameter')} of places and points, of which no training pose tells anything, were "
+        "fitted to the readings that judge; they are taken off the count in the rms."
+    )
 
 
 def _rms_values(content: Content, parts: Sequence[str], quantity: str) -> list[float]:
@@ -121,7 +164,7 @@ def _cell(value: float, decimals: int | None) -> str:
 def _group_label(content: Content, part: str) -> str:
     facts = content["accuracy"][part]
     folds = f", {facts['folds']} folds" if "folds" in facts else ""
-    label = f"{_PARTS[part]} ({plural(facts['after']['position_mm']['count'], 'observation')}{folds})"
+    label = f"{_PARTS[part]} ({plural(facts['after'][judged(content).key]['count'], 'observation')}{folds})"
     return f"{label}: these judge" if part == judging_part(content) and part != "train" else label
 
 
@@ -181,16 +224,54 @@ def _unseen(entry: Mapping[str, Any]) -> str:
 # -------------------------------------------------------------------------------------------- frames, how it was made
 
 
-def _frames(frames: Mapping[str, Any], estimated: Sequence[str]) -> list[dict[str, Any]]:
+def _frames(content: Content) -> list[dict[str, Any]]:
+    """Frames of robot, instruments and targets, then the points."""
+    frames, instruments = content.get("frames", {}), observers(content)
+    estimated, unknown = content["measurement"].get("estimate", []), unknowns(instruments)
     rows: list[dict[str, Any]] = []
-    for key, label in (("base", "base in world"), ("tool", "tool in flange"), ("camera", "camera in world")):
-        if key in frames:
-            cells = [fixed(v, 3) for v in frames[key]["xyz_mm"]] + [fixed(v, 4) for v in frames[key]["rpy_deg"]]
-            rows.append({"label": label, "cells": cells, "estimated": key in estimated})
-    for name, xyz in frames.get("points_mm", {}).items():
-        cells = [*(fixed(v, 3) for v in xyz), "", "", ""]
-        rows.append({"label": f"point {name} in tool", "cells": cells, "estimated": "points" in estimated})
+    for name, frame in frames.items():
+        if name != _POINTS:
+            cells = [fixed(v, 3) for v in frame["xyz_mm"]] + [fixed(v, 4) for v in frame["rpy_deg"]]
+            rows.append(
+                {
+                    "label": _frame_label(name, instruments),
+                    "cells": cells,
+                    "estimated": _how_far(name, unknown) or ("estimated" if name in estimated else ""),
+                }
+            )
+    for name, xyz in frames.get(_POINTS, {}).items():
+        target = _target_of(name, instruments)
+        called = f"tool_{name}" if target == "tool" else name
+        rows.append(
+            {
+                "label": f"point {name} in {target if target in frames else stands_on(target, instruments)}",
+                "cells": [*(fixed(v, 3) for v in xyz), "", "", ""],
+                "estimated": "estimated" if (called in unknown if instruments else "points" in estimated) else "",
+            }
+        )
     return rows
+
+
+def _how_far(name: str, unknown: Collection[str]) -> str:
+    """What of a place was estimated: of some instruments neither all turns nor all shifts mean anything."""
+    axes = [axis for axis in FRAME_AXES if f"{name}_{axis}" in unknown]
+    if len(axes) in (0, len(FRAME_AXES)):
+        return "estimated" if axes else ""
+    return f"{', '.join(axes)} estimated"
+
+
+def _frame_label(name: str, instruments: Facts) -> str:
+    """`base in world`; of an instrument or a target its name, and on what it stands."""
+    on = stands_on(name, instruments)
+    if name in _OF_THE_ROBOT or (name == _CAMERA and on in (None, "world")):
+        return f"{name} in {'flange' if name == 'tool' else 'world'}"
+    return f"{name} on {on}" if on else name
+
+
+def _target_of(point: str, instruments: Facts) -> str:
+    """The target whose name a point's begins with; the tool, whose points have no other."""
+    others = {facts["target"] for facts in instruments} - {"tool"}
+    return max((target for target in others if point.startswith(f"{target}_")), key=len, default="tool")
 
 
 def _facts(content: Content) -> list[list[str]]:
@@ -198,7 +279,7 @@ def _facts(content: Content) -> list[list[str]]:
     solver = found["solver"].replace("_", " ")
     facts = [
         ["solver", f"{solver}, {plural(found['iterations'], 'accepted step')}; {found['message']}"],
-        ["noise", _noise(found)],
+        ["noise", noise_words(content)],
         ["sizes", _sizes(found)],
         [
             "degrees of freedom",
@@ -225,16 +306,3 @@ def _sizes(found: Mapping[str, Any]) -> str:
     else:
         means = "this robot's errors are about as large as was thought plausible"
     return f"{number(factor)} times the plausible sizes of the link parameters' errors (estimated): {means}"
-
-
-def _noise(found: Mapping[str, Any]) -> str:
-    parts = []
-    for key, group, unit in (
-        ("noise_sigma_mm", "position", "mm"),
-        ("noise_sigma_deg", "orientation", "deg"),
-        ("noise_sigma_px", "image", "px"),
-    ):
-        if found.get(key) is not None:
-            how = "estimated from the training data" if group in found.get("noise_estimated", []) else "given"
-            parts.append(f"{number(found[key])} {unit} per axis of {group} ({how})")
-    return "standard deviation " + ", ".join(parts) if parts else "given with each measurement"

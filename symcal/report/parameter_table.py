@@ -6,14 +6,16 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from symcal.parameters import FRAME_AXES
 from symcal.report.learnt import was_learnt
-from symcal.words import fixed, number, percent, symbol
+from symcal.words import fixed, is_link_parameter, number, percent, symbol
 
 Parameters = Mapping[str, Mapping[str, Any]]
 
 _DEGREES = 180 / math.pi
 _WITHOUT_SIGMA = {"rad": 4, "mm": 3}
 _MOST = 6
+_ROBOT = {"base", "tool", "camera"}
 
 
 def parameter_table(parameters: Parameters) -> dict[str, Any]:
@@ -38,14 +40,24 @@ def parameter_table(parameters: Parameters) -> dict[str, Any]:
             "Grey rows, below 50 %, are mostly assumed: the data say little about the parameter by itself; it "
             "is drawn to nominal, and its standard deviation is mostly the size of error that was thought plausible."
         )
-    if any(row["kind"] in ("base", "tool") for row in rows):
+    increments = _increments(parameters)
+    if increments:
         notes.append(
-            "Rows of base and tool are increments on the frames that fit the nominal kinematics best; nothing was "
+            f"Rows of {increments} that fit the nominal kinematics best; nothing was "
             "assumed about them, but they carry the uncertainty of link parameters that they cannot be told from."
         )
     if "fixed" in states:
         notes.append("Rows marked 'fixed' were held at nominal, as the experiment asks.")
     return {"rows": rows, "notes": notes}
+
+
+def _increments(parameters: Parameters) -> str:
+    """Which rows are increments, and on what; empty if there are none."""
+    loose = [name for name in parameters if name.rpartition("_")[2] in FRAME_AXES and not is_link_parameter(name)]
+    kinds = {name.partition("_")[0] for name in loose}
+    if kinds - _ROBOT:
+        return "frames and points are increments on those"
+    return "base and tool are increments on the frames" if kinds & {"base", "tool"} else ""
 
 
 def _row(name: str, p: Mapping[str, Any], places: int) -> dict[str, str]:

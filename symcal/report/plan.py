@@ -48,6 +48,7 @@ def plan_text(content: Content) -> dict[str, Any]:
         "proof": _proof(content),
         "unseen": [entry["text"].replace("-", "\N{MINUS SIGN}") for entry in content["identifiability"]["unseen"]],
         "needed": _needed(content),
+        "instruments": _instruments(content),
         "methods": _methods(content),
         "constraints": _constraints(content),
         "way": _way(content),
@@ -63,8 +64,16 @@ def _subtitle(content: Content) -> str:
     unknown = f", {listed(measurement['estimate'])} unknown" if measurement["estimate"] else ""
     return (
         f"{robot['name']}: {plural(robot['dof'], 'joint')}, {robot['convention']} link convention. "
-        f"A plan for {measurement['type']} measurements{of_points}{unknown}."
+        f"A plan for {_read(measurement)}{of_points}{unknown}."
     )
+
+
+def _read(measurement: Content) -> str:
+    """What is measured; with several instruments every one of them."""
+    instruments = measurement.get("instruments", [])
+    if len(instruments) < 2:
+        return f"{measurement['type']} measurements"
+    return listed([f"{each['name']} ({each['reads']})" for each in instruments])
 
 
 def _comparison(content: Content) -> dict[str, Any]:
@@ -132,6 +141,20 @@ def _needed(content: Content) -> list[list[str]]:
     ]
 
 
+def _instruments(content: Content) -> list[list[str]]:
+    """The same poses measured by sets of instruments: seen directions and foretold errors."""
+    return [
+        [
+            " + ".join(each["instruments"]),
+            "–" if each["refused"] else f"{each['rank']} of {each['parameters']}",
+            "–" if each["mean_mm"] is None else number(each["mean_mm"]) + ("*" if each["aligned"] else ""),
+            "–" if each["worst_mm"] is None else number(each["worst_mm"]) + ("*" if each["aligned"] else ""),
+            each["refused"],
+        ]
+        for each in content.get("instruments", [])
+    ]
+
+
 def _methods(content: Content) -> list[list[str]]:
     if len(content["methods"]) < 2:
         return []
@@ -178,11 +201,10 @@ def _way(content: Content) -> str:
 
 def _facts(content: Content) -> list[list[str]]:
     plan = content["plan"]
-    noise = [f"{number(plan['noise_sigma_mm'])} mm per axis of position"] if plan["noise_sigma_mm"] else []
-    if plan["noise_sigma_deg"]:
-        noise.append(f"{number(plan['noise_sigma_deg'])} deg per axis of orientation")
-    if plan["noise_sigma_px"]:
-        noise.append(f"{number(plan['noise_sigma_px'])} px per axis of the image")
+    noise = [
+        f"{number(each['sigma'])} {each['unit']} per axis of {'the ' if each['unit'] == 'px' else ''}{name}"
+        for name, each in plan["noise"].items()
+    ]
     facts = [
         ["method", f"{plan['method']}: {_METHODS[plan['method']]}"],
         ["criterion", _CRITERIA.get(plan["criterion"], f"observability index {plan['criterion']}")],

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from symcal.words import number, plural
+from symcal.words import listed, number, plural
 
 Content = Mapping[str, Any]
 
@@ -45,13 +45,9 @@ def _main(content: Content) -> str:
 
 
 def _noise(content: Content) -> str:
-    plan = content["plan"]
-    words = [f"{number(plan['noise_sigma_mm'])} mm"] if plan["noise_sigma_mm"] else []
-    if plan["noise_sigma_deg"]:
-        words.append(f"{number(plan['noise_sigma_deg'])} deg")
-    if plan["noise_sigma_px"]:
-        words.append(f"{number(plan['noise_sigma_px'])} px")
-    return " and ".join(words)
+    noise, several = content["plan"]["noise"], len(content["measurement"].get("instruments", [])) > 1
+    words = [f"{number(each['sigma'])} {each['unit']}{f' ({name})' if several else ''}" for name, each in noise.items()]
+    return listed(words) if several else " and ".join(words)
 
 
 def _foretold(content: Content) -> list[str]:

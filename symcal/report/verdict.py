@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from symcal.report.learnt import learnt_and_assumed
+from symcal.report.measured import Judged, judged, observers
 from symcal.words import number, plural
 
 Content = Mapping[str, Any]
@@ -37,24 +38,25 @@ def verdict(content: Content) -> list[str]:
             f"Do not use these numbers: the identification did not converge ({content['identification']['message']})."
         ]
     )
-    accuracy, part = content["accuracy"], judging_part(content)
-    after = accuracy[part]["after"]["position_mm"]
+    accuracy, part, what = content["accuracy"], judging_part(content), judged(content)
+    after = accuracy[part]["after"][what.key]
     sentences = [
         *warning,
         _main(content, part),
-        f"Errors are taken against the {content['against']}. Afterwards 95 % of these position errors are below "
-        f"{number(after['p95'])} mm; the largest is {number(after['max'])} mm.",
+        f"Errors are taken against the {content['against']}. Afterwards 95 % of {what.these} are below "
+        f"{number(after['p95'])} {what.unit}; the largest is {number(after['max'])} {what.unit}.",
     ]
     if "offsets_only" in accuracy[part]:
         offsets = _rms(content, part, "offsets_only")
-        sentences.append(f"Correcting the joint offsets alone gives {number(offsets)} mm rms.")
+        sentences.append(f"Correcting the joint offsets alone gives {number(offsets)} {what.unit} rms.")
     if "truth" in accuracy:
         sentences.append(_truth(content))
     expected = content.get("expected_position_rms_mm", {}).get("test" if part == "test" else "train")
-    if expected is not None:
+    if expected is not None and what.unit == "mm":  # angles alone tell nothing of where the tool is
+        error = f"{'' if what.of_tool else 'a position error of '}{number(expected)} mm rms"
         sentences.append(
             "The uncertainty of the parameters alone, without the noise of a measurement, lets expect "
-            f"{number(expected)} mm rms at the {'held-out' if part == 'test' else 'training'} poses."
+            f"{error} at the {'held-out' if part == 'test' else 'training'} poses."
         )
     if content.get("promise"):
         sentences.append(_promise(content["promise"]))
@@ -66,10 +68,10 @@ def verdict(content: Content) -> list[str]:
 def _main(content: Content, part: str) -> str:
     before, after = _rms(content, part, "before"), _rms(content, part, "after")
     angles = [content["accuracy"][part][state].get("orientation_deg") for state in ("before", "after")]
-    what = content["measurement"].get("error", "tool error")
+    what = judged(content)
     sentence = (
-        f"The robot's {what} {_moved(before, after)} from {number(before)} mm (nominal kinematics, frames fitted) "
-        f"to {number(after)} mm rms on {_poses(content, part)}"
+        f"The robot's {what.error}{_as_read(what)} {_moved(before, after)} from {number(before)} {what.unit} (nominal "
+        f"kinematics, frames fitted) to {number(after)} {what.unit} rms on {_poses(content, part)}"
     )
     if all(angles):
         first, last = (angle["rms"] for angle in angles)
@@ -80,20 +82,27 @@ def _main(content: Content, part: str) -> str:
     return sentence
 
 
+def _as_read(what: Judged) -> str:
+    return "" if what.reader is None else f", as {what.reader} reads it,"
+
+
 def _poses(content: Content, part: str) -> str:
     facts = content["accuracy"][part]
+    count = facts["after"][judged(content).key]["count"]
     if part == "cross_validation":
-        count = facts["after"]["position_mm"]["count"]
         return f"{plural(count, 'observation')} held out in turn ({facts['folds']}-fold cross-validation)"
+    if len(observers(content)) > 1:  # not every one of them reads at every pose
+        return plural(count, "held-out observation" if part == "test" else "training observation")
     return plural(content["measurement"]["poses"][part], "held-out pose" if part == "test" else "training pose")
 
 
 def _truth(content: Content) -> str:
     before, after = _rms(content, "truth", "before"), _rms(content, "truth", "after")
-    count = content["accuracy"]["truth"]["after"]["position_mm"]["count"]
+    what = judged(content)
+    count = content["accuracy"]["truth"]["after"][what.key]["count"]
     return (
         f"Against the simulated truth, without noise, the error {_moved(before, after)} from {number(before)} to "
-        f"{number(after)} mm rms on {plural(count, 'test point')}."
+        f"{number(after)} {what.unit} rms on {plural(count, 'test point' if what.of_tool else 'test observation')}."
     )
 
 
@@ -124,4 +133,4 @@ def _moved(before: float, after: float) -> str:
 
 
 def _rms(content: Content, part: str, state: str) -> float:
-    return float(content["accuracy"][part][state]["position_mm"]["rms"])
+    return float(content["accuracy"][part][state][judged(content).key]["rms"])

@@ -68,7 +68,8 @@ def calibrate_from_images(
         RefusedError: too few views, or views that do not determine the camera; with the reasons for every image.
     """
     from symcal.plots.camera import camera_figures
-    from symcal.report import save_figures, write_report
+    from symcal.plots.save import save_figures
+    from symcal.report import write_report
 
     files = image_files(images)
     progress(f"looking for the board in {len(files)} images")

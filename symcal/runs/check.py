@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from symcal.fit.identifiability import Identifiability, analyse
+from symcal.calibration.results import observation_facts, unknown_words
+from symcal.fit.identifiability import Identifiability, analyse, numerical_rank
 from symcal.kernels import batch_function
 from symcal.kinematics import chain, forward, frame_vector
-from symcal.model.model import Model, Task, build_model
+from symcal.model.measurement import Setup
+from symcal.model.model import Model, build_model
+from symcal.model.observation import Place
+from symcal.model.observe import places_of
 from symcal.model.parameter_set import parameter_set
-from symcal.parameters import point_names
+from symcal.model.task import Task
+from symcal.parameters import coordinate_names
 from symcal.robot.robot import Robot
+from symcal.spatial import transform
 
 Array = NDArray[np.float64]
 
@@ -32,15 +39,16 @@ class Check:
     pose_at_zero: Array
     seen: dict[str, Identifiability]
     notes: tuple[str, ...]
+    instruments: tuple[Added, ...] = ()
 
 
 def check_robot(robot: Robot) -> Check:
     """A robot measured with everything known, and with base and tool unknown."""
     tasks = {
-        "position of the tool": Task("position"),
-        "position, base and tool point unknown": Task("position", frozenset({"base", "tool"})),
-        "pose of the tool": Task("pose"),
-        "pose, base and tool unknown": Task("pose", frozenset({"base", "tool"})),
+        "position of the tool": Task.of("position"),
+        "position, base and tool point unknown": Task.of("position", ("base", "tool")),
+        "pose of the tool": Task.of("pose"),
+        "pose, base and tool unknown": Task.of("pose", ("base", "tool")),
     }
     return Check(
         pose_at_zero(robot),
@@ -50,10 +58,66 @@ def check_robot(robot: Robot) -> Check:
 
 
 def check_model(model: Model) -> Check:
-    """The measurement of an experiment."""
+    """The measurement of an experiment; with several instruments also what each of them adds."""
     task = model.task
-    unknown = f", {' and '.join(sorted(task.estimate))} unknown" if task.estimate else ""
-    return Check(pose_at_zero(model.robot), {f"{task.kind}{unknown}": potential(model)}, parallel_axes(model.robot))
+    unknown = unknown_words(task)
+    name = ", ".join(o.instrument.name for o in task.observations) if len(task.observations) < 4 else "all instruments"
+    words = f", {' and '.join(unknown)} unknown" if unknown else ""
+    return Check(
+        pose_at_zero(model.robot),
+        {f"{name}{words}": potential(model)},
+        parallel_axes(model.robot),
+        stack(model),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Added:
+    """What an instrument reads of what, what of it is unknown, how many rows a pose has of it, and what rank it adds.
+
+    alone: rank of its rows by themselves. added: to the rank of those before it.
+    """
+
+    name: str
+    on: str
+    reads: str
+    of: str
+    unknown: tuple[str, ...]
+    rows: int
+    alone: int
+    added: int
+
+
+def stack(model: Model) -> tuple[Added, ...]:
+    """Every instrument in its order, by the numerical rank of noise-free rows over the whole joint ranges."""
+    jacobian, weight = _sampled(model)
+    scales = model.parameters.scales
+    index = model.parameters.indices((*model.kinematic, *model.placement))
+    found, before = [], 0
+    for part in model.measurement.parts:
+        o, own = part.observation, slice(0, part.components.stop)
+        ranks = [
+            numerical_rank(
+                (jacobian[:, rows] * weight[None, rows, None]).reshape(-1, jacobian.shape[2])[:, index] * scales[index]
+            )
+            for rows in (part.components, own)
+        ]
+        facts = observation_facts(o)
+        features = f" {', '.join(o.features)}" if o.features else ""
+        found.append(
+            Added(
+                o.name,
+                o.at.on,
+                o.instrument.label,
+                f"{o.target.name}{features}" + ("" if o.target.name == o.target.at.on else f" on {o.target.at.on}"),
+                tuple(facts["unknown"]),
+                part.components.stop - part.components.start,
+                ranks[0],
+                ranks[1] - before,
+            )
+        )
+        before = ranks[1]
+    return tuple(found)
 
 
 def pose_at_zero(robot: Robot) -> Array:
@@ -65,6 +129,14 @@ def pose_at_zero(robot: Robot) -> Array:
 
 def potential(model: Model) -> Identifiability:
     """What noise-free measurements over the whole joint ranges could see (numerical rank)."""
+    jacobian, weight = _sampled(model)
+    free = (*model.kinematic, *model.placement)
+    stacked = (jacobian * weight[None, :, None]).reshape(-1, len(model.parameters))
+    return analyse(stacked, model.parameters, free, noise_known=False)
+
+
+def _sampled(model: Model) -> tuple[Array, Array]:
+    """Jacobians at many poses, shape (N, m, n), and the weights of their rows, shape (m,)."""
     rng = np.random.default_rng(0)
     ranges = [
         (j.lower, j.upper) if np.isfinite(j.upper - j.lower) else (-_FREE_RANGE[j.revolute], _FREE_RANGE[j.revolute])
@@ -72,21 +144,32 @@ def potential(model: Model) -> Identifiability:
     ]
     lower, upper = np.array(ranges).T
     q = rng.uniform(lower, upper, (_SAMPLE, len(lower)))
-    (jacobian,) = model.jacobian(q, _somewhere(model, rng), model.setup.vector)
+    setup, x = _somewhere(model, rng)
+    (jacobian,) = model.jacobian(q, x, setup.vector)
     # orientations weigh like a point at 200 mm, so that the numerical rank does not depend on units
-    weight = model.measurement.per_component({"position": 1.0, "orientation": 200.0, "image": 1.0})
-    free = (*model.kinematic, *model.placement)
-    stacked = (jacobian * weight[None, :, None]).reshape(-1, len(model.parameters))
-    return analyse(stacked, model.parameters, free, noise_known=False)
+    return jacobian, model.measurement.per_unit({"mm": 1.0, "rad": 200.0, "px": 1.0})
 
 
-def _somewhere(model: Model, rng: np.random.Generator) -> Array:
-    """Zero errors, shape (n,), but for tool points without coordinates: all at the flange they would see too little."""
-    blank = zip(model.measurement.point_names, model.setup.points, strict=False)
-    unplaced = [c for name, point in blank if not point.any() for c in point_names(name)]
-    if model.task.tool != "points":
-        unplaced = []
-    return model.parameters.vector({name: float(rng.uniform(50, 150)) for name in unplaced})
+def _somewhere(model: Model, rng: np.random.Generator) -> tuple[Setup, Array]:
+    """Zero errors, shape (n,), but for points without coordinates: all at the flange they would see too little; and
+    frames of instruments that nobody has placed anywhere, since at the robot's own base they would see too much or
+    nothing."""
+    blank = zip(model.measurement.points_called, model.setup.points, strict=True)
+    unplaced = [
+        c for name, point in blank if not point.any() for c in coordinate_names(name) if c in model.parameters.names
+    ]
+    x = model.parameters.vector({name: float(rng.uniform(50, 150)) for name in unplaced})
+    places = {
+        name: place.frame if place.frame is not None else _anywhere(place, rng)
+        for name, place in places_of(model.task.observations).items()
+    }
+    return replace(model.setup, places=places), x
+
+
+def _anywhere(place: Place, rng: np.random.Generator) -> Array:
+    size = 100.0 if place.moves else 1500.0
+    turn = Rotation.random(rng=rng).as_matrix()
+    return transform(turn, rng.uniform(0.3, 1.0, 3) * size * rng.choice([-1.0, 1.0], 3))
 
 
 def parallel_axes(robot: Robot) -> tuple[str, ...]:

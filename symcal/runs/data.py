@@ -7,15 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
-from symcal.calibration.simulate import Noise, concatenate, simulate
-from symcal.compensation.handover import true_robot
+from symcal.calibration.compensation_check import true_robot
+from symcal.calibration.simulate import concatenate, simulate
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, FileData, SimulatedData
-from symcal.data.dataset import Dataset, with_random_test
+from symcal.data.dataset import Dataset, merged, with_random_test
 from symcal.data.measurement_file import load_measurements
-from symcal.documents.document import Document
+from symcal.documents.document import Document, Key
 from symcal.errors import InputError
+from symcal.instruments.noise import Noise
 from symcal.model.model import Model
+from symcal.model.observation import Observation
 from symcal.planning.drive_plan import Planned
 from symcal.robot.robot import Robot
 
@@ -50,39 +52,92 @@ def measurements(
         InputError: there are none, or they cannot be read.
     """
     source = file.data
-    if source is None and data is None:
-        message = "there is nothing to identify from: give 'data' here, or measurements with --data"
-        raise InputError(message, file=document.path, key="data")
     if isinstance(source, SimulatedData) and data is None:
-        lower, upper = config.area_of(file, document, model.robot)
-        units = dict(zip(model.parameters.names, model.parameters.units, strict=True))
-        truth = config.truth_of(source, file, document, dict(units), rng)
-        noise = Noise(
-            source.noise.distribution,
-            source.noise.position * file.units.factor("mm"),
-            source.noise.orientation * file.units.factor("rad"),
-        )
-        random = rng.uniform(lower, upper, (file.plan.poses, len(lower)))
-        train = simulate(model, truth, random if planned is None else planned.plan.poses, noise, rng)
-        robot = true_robot(model, truth)
-        if not source.test_poses:
-            return MeasuredData(train, truth=robot)
-        q = rng.uniform(lower, upper, (source.test_poses, len(lower)))
-        test = simulate(model, truth, q, noise, rng, "test")
-        exact = simulate(model, truth, q, Noise(), rng, "test")
-        return MeasuredData(concatenate(train, test), truth=robot, exact=exact)
-    read = source if isinstance(source, FileData) else FileData(source="file", file=str(data))
-    path = data or config.existing(document, read.file, ("data", "file"), "file of measurements")
-    measured = load_measurements(
+        return _simulated(file, source, document, model, rng, planned)
+    given = config.sources(file)
+    if data is not None:
+        if len(given) > 1:
+            message = "several instruments measure: give each its file under 'measurements', not --data"
+            raise InputError(message, key="--data", found=data)
+        (layout,) = given.values()
+        layout = layout or FileData(source="file", file=str(data))
+        read = [_read(o, layout, data, model) for o in model.task.observations]
+        return MeasuredData(_drawn(merged(read, [o.session for o in model.task.observations]), layout, rng), (data,))
+    sets: list[Dataset] = []
+    paths: list[Path] = []
+    seen: dict[object, str] = {}
+    for o in model.task.observations:
+        own = given.get(o.of)
+        if own is None:
+            message = "there is nothing to identify from: give 'data' here, or measurements with --data"
+            key: Key = ("data",) if file.measurement is not None else ("measurements", o.of, "data")
+            raise document.error(message, key)
+        where: Key = ("data", "file") if own is file.data else ("measurements", o.of, "data", "file")
+        path = config.existing(document, own.file, where, "file of measurements")
+        chosen = (tuple(sorted(own.where.items())), tuple(sorted((k, str(v)) for k, v in own.columns.items())))
+        rows = (path, o.instrument.name, chosen, o.features, o.session)
+        if rows in seen:
+            message = f"'{o.name}' reads the same rows as '{seen[rows]}', and each would count twice: see 'where'"
+            raise document.error(message, where, found=own.file)
+        seen[rows] = o.name
+        sets.append(_read(o, own, path, model))
+        paths.append(path)
+    sessions = [o.session for o in model.task.observations]
+    layouts = {name: layout for name, layout in given.items() if layout is not None}
+    shares = {layout.split.test_fraction for layout in layouts.values()}
+    if len(shares) > 1:
+        (_, first), *others = layouts.items()
+        odd = next(name for name, own in others if own.split.test_fraction != first.split.test_fraction)
+        message = "poses are held out for all instruments together: say the same 'test_fraction' for every one, or none"
+        found = layouts[odd].split.test_fraction
+        raise document.error(message, ("measurements", odd, "data", "split"), found=found)
+    return MeasuredData(_drawn(merged(sets, sessions), next(iter(layouts.values())), rng), tuple(dict.fromkeys(paths)))
+
+
+def _drawn(data: Dataset, layout: FileData, rng: np.random.Generator) -> Dataset:
+    """With a random share held out where the file says so."""
+    fraction = layout.split.test_fraction
+    return data if fraction is None else with_random_test(data, fraction, rng)
+
+
+def _read(o: Observation, source: FileData, path: Path, model: Model) -> Dataset:
+    """What one observation has read; of a session of its own only the rows of that."""
+    layout = config.layout_of(source)
+    where = dict(layout.where)
+    return load_measurements(
         path,
         model.robot,
-        model.task.kind,
-        point_names=model.task.point_names,
-        columns=read.columns,
-        split=config.split_of(read.split),
-        delimiter=read.delimiter,
-        decimal=read.decimal,
+        o.instrument,
+        point_names=o.features,
+        columns=layout.columns,
+        split=config.split_of(source.split),
+        delimiter=layout.delimiter,
+        decimal=layout.decimal,
+        where=where,
+        session=o.session if o.name != o.of else None,
+        alone=len(model.task.observations) == 1,
+        name=o.name,
     )
-    if read.split.test_fraction is not None:
-        measured = with_random_test(measured, read.split.test_fraction, rng)
-    return MeasuredData(measured, (path,))
+
+
+def _simulated(
+    file: ExperimentFile,
+    source: SimulatedData,
+    document: Document,
+    model: Model,
+    rng: np.random.Generator,
+    planned: Planned | None,
+) -> MeasuredData:
+    lower, upper = config.area_of(file, document, model.robot)
+    units = dict(zip(model.parameters.names, model.parameters.units, strict=True))
+    truth = config.truth_of(source, file, document, dict(units), rng)
+    noise = config.noise_of(file, source, model.task.observations)
+    random = rng.uniform(lower, upper, (file.plan.poses, len(lower)))
+    train = simulate(model, truth, random if planned is None else planned.plan.poses, noise, rng)
+    robot = true_robot(model, truth)
+    if not source.test_poses:
+        return MeasuredData(train, truth=robot)
+    q = rng.uniform(lower, upper, (source.test_poses, len(lower)))
+    test = simulate(model, truth, q, noise, rng, "test")
+    exact = simulate(model, truth, q, Noise(), rng, "test")
+    return MeasuredData(concatenate(train, test), truth=robot, exact=exact)

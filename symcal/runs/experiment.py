@@ -11,14 +11,14 @@ import numpy as np
 
 from symcal.calibration import results
 from symcal.calibration.compare import compare, cross_validate
-from symcal.calibration.evaluate import Errors, expected_position_rms
+from symcal.calibration.compensation_check import POSES, Handover, hand_over
+from symcal.calibration.evaluate import Errors, evaluate_each, expected_position_rms
 from symcal.calibration.identify import Calibration, baseline_model, calibrate
-from symcal.calibration.warnings import claim, extrapolation
-from symcal.compensation.handover import POSES, Handover, hand_over
+from symcal.calibration.warnings import claim, extrapolation, worse
 from symcal.config import conversion as config
-from symcal.config.conversion import FileData, RenderedData, SimulatedData
+from symcal.config.conversion import ExperimentFile, RenderedData, SimulatedData
 from symcal.data.dataset import Dataset
-from symcal.data.measurement_file import save_measurements
+from symcal.data.saved_measurements import save_measurements
 from symcal.documents.document import write_document
 from symcal.errors import InputError, RefusedError
 from symcal.export.results import correction_facts, handover_facts
@@ -75,20 +75,29 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
         return _with_images(experiment, progress)
     rng = np.random.default_rng(experiment.seed)
     planned = None if data else plan_of(experiment, progress)
-    progress("reading the measurements" if isinstance(experiment.file.data, FileData) or data else "simulating")
+    progress("reading the measurements" if config.reads_files(experiment.file) or data else "simulating")
     found = measurements(experiment.file, experiment.document, experiment.model, rng, data=data, planned=planned)
     measured, exact = found.data, found.exact
     progress("identifying")
     calibration = calibrate(experiment.model, baseline_model(experiment.model), measured, experiment.options)
-    errors: dict[str, Mapping[str, Errors]] = {
-        split: compare(calibration, measured.part(split)) for split in ("train", "test") if split in measured.split
+    splits: list[str] = [split for split in ("train", "test") if split in measured.split]
+    errors: dict[str, Mapping[str, Errors]] = {}
+    notes: list[str] = []
+    for split in splits:
+        try:
+            errors[split] = compare(calibration, measured.part(split))
+        except RefusedError as error:
+            notes.append(f"the {split} poses do not judge: {error}")
+    by_instrument = {
+        split: {name: evaluate_each(state, measured.part(split)) for name, state in calibration.states.items()}
+        for split in splits
     }
     if exact is not None:
         errors["truth"] = compare(calibration, exact)
     count = experiment.file.validation.folds
     if count is None:
         count = 0 if "test" in measured.split else 5
-    notes = [*measured.notes, *parallel_axes(experiment.robot), *calibration.notes]
+    notes = [*notes, *_spelling(experiment.file), *measured.notes, *parallel_axes(experiment.robot), *calibration.notes]
     if count:
         progress(f"cross-validating in {count} folds")
         used = measured.take(np.array([s != "unused" for s in measured.split]))
@@ -99,10 +108,23 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     notes += [*extrapolation(measured), *claim(errors)]
     handover = None if found.truth is None else _handover(experiment, calibration, found.truth, rng)
     inputs = (experiment.document.path, experiment.robot_path, *found.inputs)
+    instruments = results.instrument_facts(experiment.model.task, by_instrument)
+    notes += worse(instruments)
     content = _content(experiment, measured, inputs, calibration, errors, notes)
+    content["instruments"] = instruments
     content["controller"] = correction_facts(calibration.robot)
     content["compensation"] = None if handover is None else handover_facts(handover)
     return Outcome(experiment, measured, planned, found.inputs, calibration, errors, handover, content)
+
+
+def _spelling(file: ExperimentFile) -> list[str]:
+    """What is said once of a spelling that has a better one."""
+    if file.measurement is None or not file.measurement.invert:
+        return []
+    return [
+        "'invert: true' is now spelt: measurements: {camera: {instrument: pose, at: {on: tool}, target: {on: world}}}, "
+        "with 'reports: instrument' where the data hold the camera's own pose"
+    ]
 
 
 def _with_images(experiment: Experiment, progress: Progress) -> Outcome:
@@ -115,7 +137,7 @@ def _with_images(experiment: Experiment, progress: Progress) -> Outcome:
     content = _content(replace(experiment, model=found.model), found.data, inputs, calibration, found.errors, notes)
     content |= found.facts
     content["against"] = AGAINST
-    content["measurement"]["error"] = ERROR
+    content["measurement"] |= {"error": ERROR, "of_tool": True}  # positions against the truth
     content["measurement"]["poses"]["test"] = len(found.test)
     handover = _handover(experiment, calibration, found.truth, np.random.default_rng(experiment.seed))
     content["controller"] = correction_facts(calibration.robot)
@@ -131,7 +153,7 @@ def _handover(experiment: Experiment, calibration: Calibration, truth: Robot, rn
     lower, upper = config.area_of(experiment.file, experiment.document, experiment.robot)
     joints = own.uniform(lower, upper, (POSES, len(lower)))
     return hand_over(
-        calibration.robot, truth, joints, own, aligned=bool({"base", "camera"} & experiment.model.task.estimate)
+        calibration.robot, truth, joints, own, aligned=experiment.model.task.base or experiment.model.measurement.adrift
     )
 
 
@@ -141,13 +163,14 @@ def describe_data(experiment: Experiment) -> tuple[str, ...]:
     Raises:
         InputError: it is there and cannot be read.
     """
-    source = experiment.file.data
-    if not isinstance(source, FileData):
+    given = [source for source in config.sources(experiment.file).values() if source is not None]
+    if not given:
         return ()
-    try:
-        config.existing(experiment.document, source.file, ("data", "file"), "file of measurements")
-    except InputError as error:
-        return (str(error),)
+    for source in given:
+        try:
+            config.existing(experiment.document, source.file, ("data", "file"), "file of measurements")
+        except InputError as error:
+            return (str(error),)
     rng = np.random.default_rng(experiment.seed)
     measured = measurements(experiment.file, experiment.document, experiment.model, rng).data
     counts = [f"{measured.split.count(s)} {s}" for s in ("train", "test", "unused") if s in measured.split]
@@ -212,7 +235,7 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
         outcome = replace(outcome, content=with_code(outcome.content, calibration.robot, folder, experiment.seed))
     write_json(folder / "results.json", outcome.content)
     save_robot(_with_provenance(outcome), folder / "calibrated.yaml")
-    save_measurements(outcome.data, experiment.robot, folder / "measurements.csv")
+    _save_measurements(outcome.data, experiment.robot, folder)
     if outcome.planned is not None:
         motion = outcome.planned.motion if outcome.planned.timed else None
         write_plan(folder / "plan.csv", experiment.robot, outcome.planned.plan.poses, motion)
@@ -225,10 +248,11 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
         write_images(outcome.images, folder)
     if not (experiment.file.outputs.figures or experiment.file.outputs.report):
         return outcome
+    from symcal.images.figures import image_figures
     from symcal.plots import identification_figures
     from symcal.plots.handover import handover_figures
-    from symcal.plots.images import image_figures
-    from symcal.report import save_figures, write_report
+    from symcal.plots.save import save_figures
+    from symcal.report import write_report
 
     progress("drawing")
     illustrations = identification_figures(calibration, outcome.data, outcome.errors, outcome.content["against"])
@@ -243,13 +267,32 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
     return outcome
 
 
+def _save_measurements(data: Dataset, robot: Robot, folder: Path) -> None:
+    """One file, or one for each instrument in a folder."""
+    if len(data.of) == 1:
+        save_measurements(data, robot, folder / "measurements.csv")
+        return
+    (folder / "measurements").mkdir()
+    for each in data.of:
+        save_measurements(data.read_by(each.name), robot, folder / "measurements" / f"{each.name}.csv")
+
+
 def _with_provenance(outcome: Outcome) -> Robot:
     robot = outcome.calibration.robot
     if robot.record is None:
         return robot
     content = outcome.content
     facts = {k: content[k] for k in ("name", "seed", "versions", "inputs", "warnings", "accuracy", "against")}
-    source = outcome.experiment.file.data
-    if isinstance(source, FileData):  # so that new files of the same layout can be read for validation
-        facts["layout"] = {"columns": dict(source.columns), "delimiter": source.delimiter, "decimal": source.decimal}
+    layouts = {
+        name: {
+            "columns": dict(own.columns),
+            "delimiter": own.delimiter,
+            "decimal": own.decimal,
+            "where": dict(own.where),
+        }
+        for name, own in config.sources(outcome.experiment.file).items()
+        if own is not None
+    }
+    if layouts:  # so that new files of the same layout can be read for validation
+        facts["layout"] = layouts
     return replace(robot, record=replace(robot.record, provenance=dict(robot.record.provenance) | facts))

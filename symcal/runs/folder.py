@@ -25,6 +25,7 @@ CONTENT = frozenset(
         "calibrated.yaml",
         "plan.csv",
         "measurements.csv",
+        "measurements",
         "experiment.resolved.yaml",
         "c",
         "images",

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from symcal.camera.files import read_camera, read_target
 from symcal.config.scene import read_scene
-from symcal.data.measurement_file import save_measurements
+from symcal.data.saved_measurements import save_measurements
 from symcal.images.measure import MeasuredImages, measure_images, read_shots
 from symcal.robot.robot import load_robot
 from symcal.runs.camera import image_files

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -80,9 +80,11 @@ def plan_experiment(experiment: Experiment, progress: Progress = lambda _: None)
         "measurement": results.measurement_facts(experiment.model.task, {"planned": len(planned.plan)}),
         "warnings": [*plan_notes(problem, planned), *shares["infeasible_candidates"]],
         "identifiability": results.identifiability_facts(problem.info.seen),
-        "plan": plan_facts(planned.plan),
+        "plan": plan_facts(planned.plan, problem.info.measurement),
         "methods": method_facts(found.methods),
         "promise": promise_facts(found.promise, found.band, found.needed),
+        "instruments": [asdict(each) for each in found.instruments],
+        "aligned": problem.aligned,
         "order": order_facts(planned),
         "constraints": shares,
         "region": region_words(file.plan.region, bool(problem.measuring)),
@@ -118,7 +120,8 @@ def write(outcome: PlanOutcome, folder: Path, progress: Progress) -> None:
     if not (experiment.file.outputs.figures or experiment.file.outputs.report):
         return
     from symcal.plots.plan import plan_figures
-    from symcal.report import save_figures, write_report
+    from symcal.plots.save import save_figures
+    from symcal.report import write_report
 
     progress("drawing")
     pictures = save_figures(plan_figures(found), folder / "figures")

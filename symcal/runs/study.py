@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from symcal.calibration import results
-from symcal.compensation.handover import POSES, Handover, hand_over, true_robot
-from symcal.data.measurement_file import save_measurements
+from symcal.calibration.compensation_check import POSES, Handover, hand_over, true_robot
+from symcal.data.saved_measurements import save_measurements
 from symcal.documents.document import write_document
 from symcal.export.corrections import corrections
 from symcal.export.results import correction_facts, handover_facts
@@ -107,7 +107,7 @@ def write(outcome: StudyOutcome, folder: Path, progress: Progress = lambda _: No
     from symcal.paper.plots import study_figures
     from symcal.paper.report import write_paper_report
     from symcal.plots.handover import handover_figures
-    from symcal.report import save_figures
+    from symcal.plots.save import save_figures
 
     progress("drawing")
     pictures = save_figures((*study_figures(study), *handover_figures(outcome.handover)), folder / "figures")

@@ -40,33 +40,31 @@ def tables(
     return {
         "parameters": parameters,
         "accuracy": accuracy,
-        "errors": _error_table(calibration, data, errors),
+        "errors": _error_table(data, errors),
         "correlation": matrix,
         "corrections": corrections(calibration.robot),
     }
 
 
-def _error_table(calibration: Calibration, data: Dataset, errors: Mapping[str, Mapping[str, Errors]]) -> pd.DataFrame:
-    names = calibration.model.measurement.point_names
-    rows = []
+def _error_table(data: Dataset, errors: Mapping[str, Mapping[str, Errors]]) -> pd.DataFrame:
+    features = data.of[0].features if len(data.of) == 1 else ()
+    rows: list[dict[str, object]] = []
     for split in ("train", "test"):
         if split not in errors:
             continue
         labels = data.part(split).labels
         labels = labels or tuple(str(i + 1) for i in range(int(max(e.pose.max() for e in errors[split].values())) + 1))
         for state, found in errors[split].items():
-            for k, norm in enumerate(found.position):
-                rows.append(
-                    {
-                        "data": split,
-                        "state": state,
-                        "pose": labels[found.pose[k]],
-                        "point": names[found.point[k]] if names and found.point.max() else "",
-                        "x_mm": found.vectors[k, 0],
-                        "y_mm": found.vectors[k, 1],
-                        "z_mm": found.vectors[k, 2],
-                        "position_mm": norm,
-                        "orientation_deg": np.nan if found.orientation is None else np.rad2deg(found.orientation[k]),
-                    }
-                )
+            for k, norm in enumerate(found.size):
+                row: dict[str, object] = {
+                    "data": split,
+                    "state": state,
+                    "pose": labels[found.pose[k]],
+                    "point": features[found.point[k]] if features and found.point.max() else "",
+                }
+                names = found.names
+                row |= {f"{name}_{found.unit}": value for name, value in zip(names, found.vectors[k], strict=True)}
+                row[found.key] = norm
+                row["orientation_deg"] = np.nan if found.turns is None else np.rad2deg(found.turns[k])
+                rows.append(row)
     return pd.DataFrame(rows)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -13,17 +13,17 @@ import pandas as pd
 from symcal.calibration import results
 from symcal.calibration.evaluate import Errors, evaluate
 from symcal.calibration.identify import place
-from symcal.calibration.scene_record import recorded_scene
-from symcal.data.measurement_file import load_measurements
+from symcal.calibration.record import recorded_task
+from symcal.data.dataset import Dataset, merged
+from symcal.data.measurement_file import Layout, load_measurements
 from symcal.documents.table import read_table
 from symcal.errors import InputError
 from symcal.fit.estimation import Options
-from symcal.instruments.registry import KINDS
-from symcal.model.model import Model, Part, State, Task, build_model, pixels_task
+from symcal.model.model import Model, State, build_model
+from symcal.model.observation import Observation
+from symcal.model.task import Task
 from symcal.robot.robot import Robot, load_robot
 from symcal.runs.folder import run_folder, write_json
-
-_PARTS: tuple[Part, ...] = ("base", "tool", "points", "camera")
 
 
 def validate_robot(
@@ -31,6 +31,7 @@ def validate_robot(
     data: Path,
     out: Path | None = None,
     refit: tuple[str, ...] = (),
+    instrument: str | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> dict[str, Any]:
     """Errors of a calibrated robot on new measurements of the kind it was calibrated with.
@@ -40,8 +41,9 @@ def validate_robot(
     The file may have the canonical columns or those that the calibration was read from.
 
     Args:
-        refit: frames to fit to the new data first, for both (the instrument or the tool was moved in between). What is
-            then left says how well the kinematics carry over, not where the robot stands.
+        instrument: whose measurements they are, where several measured. refit: frames to fit to the new data first, for
+            both (the instrument or the tool was moved in between). What is then left says how well the kinematics carry
+            over, not where the robot stands.
     Raises:
         InputError: a robot that was never calibrated, unreadable data, or parts that cannot be fitted.
     """
@@ -49,25 +51,28 @@ def validate_robot(
     if robot.record is None:
         message = "this robot has no 'calibration': validate takes the calibrated.yaml of a run"
         raise InputError(message, file=calibrated)
-    task = _task(robot, calibrated, refit, "after")
+    task = recorded_task(robot.record.provenance, "after", calibrated)
+    entries = tuple(dict.fromkeys(o.of for o in task.observations))
+    if instrument is None and len(entries) == 1:
+        instrument = entries[0]
+    if instrument not in entries:
+        message = "several instruments measured: say with --instrument whose measurements these are"
+        raise InputError(message, key="--instrument", found=instrument, allowed=entries)
+    own = [o for o in task.observations if o.of == instrument]
+    _check_refit(refit, own)
     progress("reading the measurements")
-    layout = robot.record.provenance.get("layout", {})
-    header = read_table(data, delimiter=layout.get("delimiter")).columns
-    new = load_measurements(
-        data,
-        robot,
-        task.kind,
-        point_names=task.point_names,
-        columns={canonical: name for canonical, name in layout.get("columns", {}).items() if name in header},
-        delimiter=layout.get("delimiter"),
-        decimal=layout.get("decimal", "."),
-    )
-    new = replace(new, split=("test",) * len(new))
+    new = _measurements(robot, data, own)
+    names = [each.name for each in new.of]
     errors: dict[str, Errors] = {}
-    for name, subject in (("before", robot.nominal()), ("after", robot)):
+    states: tuple[tuple[Literal["before", "after"], Robot], ...] = (("before", robot.nominal()), ("after", robot))
+    for name, subject in states:
         progress(f"evaluating: {name}")
-        model = build_model(subject, _task(robot, calibrated, refit, name))
-        errors[name] = evaluate(_state(model, subject, new, refit), new)
+        recorded = recorded_task(robot.record.provenance, name, calibrated)
+        kept = recorded.observed(o for o in recorded.observations if o.name in names)
+        model = build_model(subject, _loosened(kept, refit))
+        found = evaluate(_state(model, subject, new, refit), new)
+        errors[name] = replace(found, fitted=len(model.placement)) if refit else found
+    task = task.observed(o for o in own if o.name in names)
     content = {
         **results.header(robot.name, f"Validation of {robot.name}", 0, (calibrated, data), Path.cwd()),
         "robot": results.robot_facts(robot),
@@ -84,25 +89,77 @@ def validate_robot(
     return content
 
 
-def _task(robot: Robot, file: Path, refit: tuple[str, ...], state: str) -> Task:
+def _measurements(robot: Robot, data: Path, own: Sequence[Observation]) -> Dataset:
+    """New measurements of an instrument with the canonical columns, or those that the calibration was read from; by
+    session where it has a place of its own in each."""
     assert robot.record is not None
-    found = robot.record.provenance.get("measurement")
-    if not isinstance(found, dict) or found.get("type") not in KINDS:
-        raise InputError("the calibration does not say how it was measured", file=file, key="calibration.provenance")
-    parts = []
-    for part in refit:
-        if part not in _PARTS:
-            raise InputError("no such part to fit", key="--refit", found=part, allowed=_PARTS)
-        parts.append(part)
-    if KINDS[found["type"]].place:
-        return pixels_task(recorded_scene(found["scene"], state, file), parts)
-    points = {name: (float(x), float(y), float(z)) for name, (x, y, z) in (found.get("points_mm") or {}).items()}
-    return Task(
-        kind=found["type"],
-        estimate=frozenset(parts),
-        points=points or {"P": (0.0, 0.0, 0.0)},
-        invert=bool(found.get("invert", False)),
+    record = robot.record.provenance.get("layout", {})
+    record = record.get(own[0].of, record)
+    header = read_table(data, delimiter=record.get("delimiter")).columns
+    named = {c: n for c, n in record.get("columns", {}).items() if set([n] if isinstance(n, str) else n) <= set(header)}
+    where = {column: str(cell) for column, cell in record.get("where", {}).items() if column in header}
+    layout = Layout(named, where, record.get("delimiter"), record.get("decimal", "."))
+    if len(own) == 1:
+        found = _read(robot, data, own[0], layout, None)
+        return replace(found, split=("test",) * len(found))
+    table, known = layout.table(data), {o.session: o for o in own}
+    if "session" not in table.columns:
+        message = "this instrument has a place of its own in each session: the measurements need a column 'session'"
+        raise InputError(message, file=data, line=table.head_line, allowed=known)
+    sessions = list(dict.fromkeys(table.text("session")))
+    for session in sessions:
+        if session not in known:
+            message = "the calibration knows no such session: where the instrument stood in it is not known"
+            raise InputError(message, file=data, column="session", found=session, allowed=known)
+    sets = [_read(robot, data, known[session], layout, session) for session in sessions]
+    found = merged(sets, sessions)
+    return replace(found, split=("test",) * len(found))
+
+
+def _read(robot: Robot, data: Path, o: Observation, layout: Layout, session: str | None) -> Dataset:
+    return load_measurements(
+        data,
+        robot,
+        o.instrument,
+        point_names=o.features,
+        columns=layout.columns,
+        delimiter=layout.delimiter,
+        decimal=layout.decimal,
+        where=layout.where,
+        session=session,
+        alone=False,
+        name=o.name,
     )
+
+
+def _check_refit(parts: tuple[str, ...], own: Sequence[Observation]) -> None:
+    """Refuse what is no part of this instrument's measurement.
+
+    Raises:
+        InputError: there is no such part.
+    """
+    places = [name for o in own for name in (o.of, o.place, o.target.name) if name not in ("world", "tool")]
+    allowed = tuple(dict.fromkeys(("base", "tool", "points", *places)))
+    for part in parts:
+        if part not in allowed:
+            raise InputError("no such part to fit", key="--refit", found=part, allowed=allowed)
+
+
+def _loosened(task: Task, refit: tuple[str, ...]) -> Task:
+    """The task with these parts unknown."""
+    observations = [
+        replace(
+            o,
+            at=replace(o.at, unknown=o.place in refit or (o.at.frame is not None and o.of in refit)),
+            target=replace(
+                o.target,
+                unknown="points" in refit and o.instrument.reads == "points",
+                at=replace(o.target.at, unknown=o.target.name in refit and o.target.name != "tool"),
+            ),
+        )
+        for o in task.observations
+    ]
+    return replace(task.observed(observations), base="base" in refit, tool="tool" in refit)
 
 
 def _state(model: Model, robot: Robot, data: Any, refit: tuple[str, ...]) -> State:
@@ -114,8 +171,8 @@ def _state(model: Model, robot: Robot, data: Any, refit: tuple[str, ...]) -> Sta
 def _table(errors: dict[str, Errors], labels: tuple[str, ...]) -> pd.DataFrame:
     return pd.DataFrame(
         [
-            {"state": state, "pose": labels[found.pose[k]], "position_mm": norm}
+            {"state": state, "pose": labels[found.pose[k]], found.key: norm}
             for state, found in errors.items()
-            for k, norm in enumerate(found.position)
+            for k, norm in enumerate(found.size)
         ]
     )

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from study_case import outcome
 
-from symcal.data.dataset import Dataset
+from symcal.data.dataset import Dataset, readings
 from symcal.fit.estimation import Options, fit
 from symcal.fit.residual_rows import rows_of
 from symcal.paper.batch_fit import fit_many
@@ -20,8 +20,8 @@ from symcal.paper.setting import positions
 def single(setting, q, z, model=None):
     model = model or setting.model
     names = tuple(str(i) for i in range(len(q)))
-    data = Dataset("position", q, z, names, ("train",) * len(q), model.measurement.point_names)
-    rows = rows_of(model.measurement, data, model.setup, model.residual)
+    data = Dataset(readings("position", ("P",)), q, z, names, ("train",) * len(q))
+    rows = rows_of(model.measurement, data, model.setup, model.residuals)
     return fit(rows, model.parameters.names, Options(sigma={"position": setting.sigma}, scales="stated"))
 
 

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from symcal.calibration.simulate import Noise
+from symcal.instruments.noise import Noise
 from symcal.paper import published
 from symcal.paper.plots import study_figures
 from symcal.paper.plots.looks import PLANS
@@ -25,7 +25,8 @@ from symcal.paper.report.blocks import at_least, percent
 from symcal.paper.report.verdict import study_verdict
 from symcal.paper.results import Study
 from symcal.paper.surroundings import mean_norm
-from symcal.report import Picture, save_figures
+from symcal.plots.save import save_figures
+from symcal.report import Picture
 from symcal.runs.load import load
 from symcal.runs.study import StudyOutcome, study_experiment
 from symcal.words import number

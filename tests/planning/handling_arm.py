@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from symcal.camera.camera import Camera
 from symcal.camera.target import Target
-from symcal.instruments import Setup
 from symcal.kinematics import Chain, chain
+from symcal.model.measurement import Setup
 from symcal.model.parameter_set import parameter_set
 from symcal.planning.camera_view import CameraView, camera_view, look_at
 from symcal.robot.robot import Robot, load_robot

@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from symcal import kinematics
-from symcal.instruments import Setup, kind_named, observe
+from symcal.model.measurement import Setup
+from symcal.model.observe import observe
 from symcal.model.parameter_set import parameter_set
+from symcal.model.task import Task
 from symcal.planning.area import working_area
 from symcal.planning.information import PoseInformation, pose_information
 from symcal.robot.robot import Joint, Link, Robot, load_robot
@@ -25,7 +27,7 @@ _HANDLING = Path(__file__).resolve().parents[2] / "configs" / "robots" / "handli
 def handling() -> PoseInformation:
     """Handling robot, position of the last origin, base and tool known, over its front half."""
     robot = load_robot(_HANDLING)
-    measurement = observe(kinematics.chain(robot, parameter_set(robot)), kind_named("position"), ("P",))
+    measurement = observe(kinematics.chain(robot, parameter_set(robot)), *Task.of("position").observations)
     setup = Setup(robot.base, robot.tool, np.zeros((1, 3)))
     area = working_area(robot, {"waist": (-math.pi / 2, math.pi / 2)})
     return pose_information(measurement, setup, {"position": SIGMA}, area=area)
@@ -53,6 +55,8 @@ def fr3() -> PoseInformation:
     )
     tool = np.array([[0, -1, 0, 94.5], [1, 0, 0, -9], [0, 0, 1, 147.55], [0, 0, 0, 1]], dtype=float)
     robot = Robot("fr3", "craig", links, tool=tool)
-    measurement = observe(kinematics.chain(robot, parameter_set(robot, base=True, tool="frame")), kind_named("pose"))
+    measurement = observe(
+        kinematics.chain(robot, parameter_set(robot, base=True, tool="frame")), *Task.of("pose").observations
+    )
     setup = Setup(robot.base, robot.tool)
     return pose_information(measurement, setup, {"position": 1.0, "orientation": 0.005})

@@ -8,8 +8,10 @@ from planning_cases import SIGMA, handling
 
 from symcal import kinematics
 from symcal.errors import InputError, RefusedError
-from symcal.instruments import Setup, kind_named, observe
+from symcal.model.measurement import Setup
+from symcal.model.observe import observe
 from symcal.model.parameter_set import parameter_set
+from symcal.model.task import Task
 from symcal.planning.accuracy_forecast.forecast import forecast, poses_needed
 from symcal.planning.information import pose_information
 
@@ -53,7 +55,7 @@ def test_priors_lower_the_bound():
     robot = handling().measurement.chain.robot
     parameters = parameter_set(robot)
     tight = parameters.with_priors(dict.fromkeys(parameters.names, 1e-5))
-    measurement = observe(kinematics.chain(robot, tight), kind_named("position"), ("P",))
+    measurement = observe(kinematics.chain(robot, tight), *Task.of("position").observations)
     setup = Setup(robot.base, robot.tool, np.zeros((1, 3)))
     info = pose_information(measurement, setup, {"position": SIGMA}, area=handling().area)
     answer = forecast(info, (10, 40), np.random.default_rng(0), random=5)

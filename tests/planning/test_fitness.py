@@ -9,8 +9,10 @@ import pytest
 from handling_arm import front_view, handling_chain, own_setup
 
 from symcal.errors import InputError
-from symcal.instruments import Setup, kind_named, observe
 from symcal.kinematics import forward
+from symcal.model.measurement import Setup
+from symcal.model.observe import observe
+from symcal.model.task import Task
 from symcal.planning.area import working_area
 from symcal.planning.criteria import criterion
 from symcal.planning.fitness import Reading, Weights, condition_numbers, paper_fitness, sound_fitness
@@ -32,7 +34,7 @@ READINGS = [
 @pytest.fixture(scope="module")
 def info():
     setup = Setup(MODEL.robot.base, MODEL.robot.tool, np.zeros((1, 3)))
-    return pose_information(observe(MODEL, kind_named("position"), ("P",)), setup, {"position": SIGMA}, area=AREA)
+    return pose_information(observe(MODEL, *Task.of("position").observations), setup, {"position": SIGMA}, area=AREA)
 
 
 @pytest.fixture(scope="module")

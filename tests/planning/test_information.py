@@ -10,8 +10,10 @@ from planning_cases import fr3, handling
 
 from symcal import kinematics
 from symcal.errors import InputError, RefusedError
-from symcal.instruments import Setup, kind_named, observe
+from symcal.model.measurement import Setup
+from symcal.model.observe import observe
 from symcal.model.parameter_set import parameter_set
+from symcal.model.task import Task
 from symcal.planning.area import draw, working_area
 from symcal.planning.information import pose_information
 from symcal.robot.robot import load_robot
@@ -73,7 +75,7 @@ def test_gradient_of_weighted_information_is_exact(make, rng):
 def test_prior_of_a_parameter_is_information_before_any_pose(configs):
     robot = load_robot(configs / "robots" / "handling_robot.yaml")
     parameters = parameter_set(robot).with_priors({"theta_5": 0.002, "d_4": 0.1})
-    measurement = observe(kinematics.chain(robot, parameters), kind_named("position"), ("P",))
+    measurement = observe(kinematics.chain(robot, parameters), *Task.of("position").observations)
     info = pose_information(measurement, Setup(robot.base, robot.tool, np.zeros((1, 3))), {"position": 0.06})
     assert info.rank == 13  # theta_5, and one of the two directions that hide d_3, d_4 and alpha_4
     place = info.names.index("theta_5")
@@ -84,9 +86,9 @@ def test_prior_of_a_parameter_is_information_before_any_pose(configs):
 def test_rows_of_priors_do_the_same_as_prior_sigmas(configs):
     robot = load_robot(configs / "robots" / "handling_robot.yaml")
     setup, noise = Setup(robot.base, robot.tool, np.zeros((1, 3))), {"position": 0.06}
-    plain = observe(kinematics.chain(robot, parameter_set(robot)), kind_named("position"), ("P",))
+    plain = observe(kinematics.chain(robot, parameter_set(robot)), *Task.of("position").observations)
     with_prior = observe(
-        kinematics.chain(robot, parameter_set(robot).with_priors({"d_3": 0.05})), kind_named("position"), ("P",)
+        kinematics.chain(robot, parameter_set(robot).with_priors({"d_3": 0.05})), *Task.of("position").observations
     )
     row = np.zeros((1, 15))
     row[0, plain.parameters.index("d_3")] = 1 / 0.05
@@ -126,7 +128,7 @@ def test_the_posterior_is_the_inverse_of_information_and_plausible_sizes(configs
     """Frames are nearly free, stated priors stand in for sizes, and several plans are as one at a time."""
     robot = load_robot(configs / "robots" / "handling_robot.yaml")
     parameters = parameter_set(robot, base=True).with_priors({"d_3": 0.05})
-    measurement = observe(kinematics.chain(robot, parameters), kind_named("position"), ("P",))
+    measurement = observe(kinematics.chain(robot, parameters), *Task.of("position").observations)
     info = pose_information(measurement, Setup(robot.base, robot.tool, np.zeros((1, 3))), {"position": 0.06})
     plans = info.area.sample(rng, 60).reshape(2, 30, -1)
     rows = info.function.full(plans[1]).reshape(-1, len(info.names))

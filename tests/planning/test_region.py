@@ -8,8 +8,10 @@ from planning_cases import handling
 
 from symcal import kinematics
 from symcal.errors import InputError, RefusedError
-from symcal.instruments import Setup, kind_named, observe
+from symcal.model.measurement import Setup
+from symcal.model.observe import observe
 from symcal.model.parameter_set import parameter_set
+from symcal.model.task import Task
 from symcal.planning.information import pose_information
 from symcal.planning.region import TaskRegion, area_region, box_region, csv_region, region_accuracy, tool_points
 from symcal.planning.worst_pose import FeasibleSet, feasible_set, largest
@@ -45,7 +47,7 @@ def test_unseen_parameters_that_matter_elsewhere_are_told(rng):
     assert region_accuracy(info, area_region(info.area, rng, count=100)).hidden_mm < 1e-5
     robot = info.measurement.chain.robot
     names = tuple(n for n in info.names if n not in ("a_5", "theta_5"))
-    aside = observe(kinematics.chain(robot, parameter_set(robot)), kind_named("position"), ("P",))
+    aside = observe(kinematics.chain(robot, parameter_set(robot)), *Task.of("position").observations)
     setup = Setup(robot.base, robot.tool, np.array([[100.0, 0.0, 0.0]]))
     seen = pose_information(aside, setup, {"position": 0.06}, names)
     assert region_accuracy(seen, area_region(seen.area, rng, count=100)).hidden_mm < 1e-5
@@ -56,7 +58,7 @@ def test_unseen_parameters_that_matter_elsewhere_are_told(rng):
 def test_alignment_takes_out_where_the_base_is(rng):
     """With a free base part of the error is a rigid motion; what is left is smaller, and shifts and turns vanish."""
     robot = handling().measurement.chain.robot
-    measurement = observe(kinematics.chain(robot, parameter_set(robot, base=True)), kind_named("position"), ("P",))
+    measurement = observe(kinematics.chain(robot, parameter_set(robot, base=True)), *Task.of("position").observations)
     setup = Setup(robot.base, robot.tool, np.zeros((1, 3)))
     info = pose_information(measurement, setup, {"position": 0.06}, area=handling().area)
     region = area_region(info.area, rng, count=400)

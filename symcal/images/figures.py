@@ -68,13 +68,13 @@ def example_images(examples: Sequence[Example]) -> Illustration:
 
 def ways_compared(errors: Mapping[str, Errors]) -> Illustration:
     """Share of the unseen poses below an error, for each way to identify from the same images."""
-    rms = {name: float(np.sqrt(np.mean(errors[name].position ** 2))) for name in _WAYS if name in errors}
+    rms = {name: float(np.sqrt(np.mean(errors[name].size ** 2))) for name in _WAYS if name in errors}
     with print_settings():
         figure = sheet(NARROW, 66)
         axes = figure.add_subplot()
         for name in rms:
             label, color, line = _WAYS[name]
-            values = np.sort(errors[name].position)
+            values = np.sort(errors[name].size)
             share = 100 * np.arange(1, len(values) + 1) / len(values)
             axes.plot(values, share, color=color, linestyle=line, label=label)
         axes.set_xscale("log")
@@ -83,7 +83,7 @@ def ways_compared(errors: Mapping[str, Errors]) -> Illustration:
         axes.set(xlabel="position error of the target's centre / mm", ylabel="poses below / %")
         grid(axes, "both")
         axes.legend(loc="upper left", fontsize=5.5)
-    count = len(errors["pixels"].position)
+    count = len(errors["pixels"].size)
     listed = ", ".join(f"{_WAYS[name][0]} {number(value)} mm" for name, value in rms.items())
     caption = (
         f"Position error at {plural(count, 'unseen pose')} against the truth, after one rigid alignment, by way of "

@@ -62,7 +62,7 @@ class Handover:
     @property
     def worse(self) -> NDArray[np.bool_]:
         """Poses at which the compensated command is farther off than the plain one: shape (N,)."""
-        return self.after.position > self.before.position
+        return self.after.size > self.before.size
 
 
 def true_robot(model: Model, truth: Mapping[str, float]) -> Robot:
@@ -73,7 +73,7 @@ def true_robot(model: Model, truth: Mapping[str, float]) -> Robot:
     """
     errors = model.parameters.mapping(model.parameters.vector(truth))
     links = {name: errors[name] for name in model.robot.parameters if name in errors}
-    setup = model.setup.moved(errors, model.measurement.point_names)
+    setup = model.setup.moved(errors, model.measurement.points_called)
     return replace(model.robot.nominal().corrected(links), base=setup.base, tool=setup.tool, record=None)
 
 

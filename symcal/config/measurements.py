@@ -1,0 +1,242 @@
+"""What an experiment file may say of instruments and targets: `measurements`, `targets`, and `measurement` in short.
+
+Numbers here are still in the file's units; `symcal.config.observations` converts them.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Annotated, Any, Literal, Union
+
+from pydantic import (
+    AfterValidator,
+    Discriminator,
+    Field,
+    Tag,
+    WithJsonSchema,
+    create_model,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError, PydanticKnownError
+
+from symcal.config.noise import KnownNoise, Positive
+from symcal.config.plan import PlacementConfig
+from symcal.documents.document import Strict
+from symcal.instruments import KINDS, Instrument
+from symcal.robot.schema import Frame
+
+Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
+Name = Annotated[str, Field(min_length=1, pattern=r"^[A-Za-z][\w-]*$")]
+
+RESERVED = ("base", "tool", "flange", "world")
+"""Names that are the robot's own."""
+
+
+def _registered(name: str) -> str:
+    if name not in KINDS:
+        raise PydanticKnownError("literal_error", {"expected": ", ".join(map(repr, KINDS))})
+    return name
+
+
+KindName = Annotated[str, AfterValidator(_registered), WithJsonSchema({"enum": list(KINDS), "type": "string"})]
+"""The name of a registered kind of instrument."""
+
+
+def word_or_given(value: object) -> str:
+    """Which branch of a union is meant, so that a mistake is explained for that one."""
+    return "word" if isinstance(value, str) else "given"
+
+
+class SplitConfig(Strict):
+    """Which poses train and which test: labels of a column, or a random share."""
+
+    column: str | None = None
+    train: list[str] = ["train"]
+    test: list[str] = ["test"]
+    test_fraction: Annotated[float, Field(gt=0, lt=1)] | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> SplitConfig:
+        if self.column is not None and self.test_fraction is not None:
+            raise PydanticCustomError("split", "give 'column' or 'test_fraction', not both")
+        for label in self.train:
+            if label in self.test:
+                message = "the label '{label}' stands under 'train' and under 'test'"
+                raise PydanticCustomError("split", message, {"label": label})
+        return self
+
+
+class FileData(Strict):
+    """Measurements from a CSV file.
+
+    columns: canonical name -> name in the file, or a list of names whose cells make one (`front/0`). where: cells of
+    the rows that count, by column.
+    """
+
+    source: Literal["file"]
+    file: str
+    columns: dict[str, str | list[str]] = {}
+    where: dict[str, str | int] = {}
+    split: SplitConfig = SplitConfig()
+    delimiter: Literal[",", ";", "\t"] | None = None
+    decimal: Literal[".", ","] = "."
+
+
+class MeasurementConfig(Strict):
+    """What is measured, in short: one instrument on world that reads the robot's tool.
+
+    points: tool points in the tool frame by name (`position`); `null` for coordinates that are to be estimated.
+    estimate: what of base, tool (mount) and points is unknown. invert: pose data are T_tool_world (eye in hand).
+    Of `pixels`: camera, a camera.yaml; target, a target.yaml; camera_pose, where the camera roughly is in world (plans
+    and simulations need it, identifications find it). Mount (tool), camera and intrinsics are unknown unless `estimate`
+    says otherwise.
+    """
+
+    type: KindName
+    points: dict[str, Triple | None] = {}
+    estimate: list[Literal["base", "tool", "points", "camera", "intrinsics"]] = []
+    invert: bool = False
+    noise: KnownNoise = {}
+    camera: str | None = None
+    target: str | None = None
+    camera_pose: PlacementConfig | None = None
+
+    @property
+    def is_camera(self) -> bool:
+        return KINDS[self.type].is_camera
+
+    @model_validator(mode="before")
+    @classmethod
+    def _unknown_by_default(cls, data: Any) -> Any:
+        kind = KINDS.get(str(data.get("type"))) if isinstance(data, dict) else None
+        if kind is not None and kind.is_camera and "estimate" not in data:
+            return data | {"estimate": ["tool", "camera", "intrinsics"]}
+        return data
+
+    @model_validator(mode="after")
+    def _scene(self) -> MeasurementConfig:
+        given = [name for name in ("camera", "target", "camera_pose") if getattr(self, name) is not None]
+        if self.is_camera and (self.camera is None or self.target is None):
+            raise PydanticCustomError("scene", "a pixel measurement needs 'camera' and 'target', files of theirs")
+        if not self.is_camera and given:
+            raise PydanticCustomError("scene", "'{name}' belongs to pixel measurements", {"name": given[0]})
+        if self.is_camera and self.points:
+            raise PydanticCustomError("scene", "a pixel measurement has the points of its target: leave them out")
+        return self
+
+
+class PlaceConfig(Strict):
+    """Where something stands: on world, base, flange, tool or a link (by its joint's name), at its origin, at a frame
+    there, or at one that is to be found.
+
+    near: a first guess of what is to be found. per: with `session`, one place for each session of the data.
+    """
+
+    on: str = "world"
+    place: (
+        Annotated[
+            Annotated[Literal["unknown"], Tag("word")] | Annotated[Frame, Tag("given")], Discriminator(word_or_given)
+        ]
+        | None
+    ) = None
+    near: Frame | PlacementConfig | None = None
+    per: Literal["session"] | None = None
+
+    @property
+    def to_be_found(self) -> bool:
+        return self.place == "unknown"
+
+    @model_validator(mode="after")
+    def _unknown(self) -> PlaceConfig:
+        if self.near is not None and self.place != "unknown":
+            raise PydanticCustomError("place", "'near' belongs to 'place: unknown'")
+        if self.per is not None and not self.to_be_found:
+            raise PydanticCustomError(
+                "place", "'per: session' needs something unknown of which every session has its own"
+            )
+        return self
+
+
+class NearConfig(Strict):
+    """A point that is to be found, and a first guess of it."""
+
+    near: Triple
+
+
+def _which_point(value: object) -> str:
+    return "word" if isinstance(value, str) else "guess" if isinstance(value, dict | NearConfig) else "given"
+
+
+PointConfig = Annotated[
+    Annotated[Literal["unknown"], Tag("word")] | Annotated[NearConfig, Tag("guess")] | Annotated[Triple, Tag("given")],
+    Discriminator(_which_point),
+]
+
+
+class TargetConfig(PlaceConfig):
+    """What is read: points and axes by name in a frame of its own, or that frame.
+
+    file: a target.yaml with discs, for cameras.
+    """
+
+    on: str = "tool"
+    points: dict[Name, PointConfig] = {}
+    axes: dict[Name, Triple] = {}
+    file: str | None = None
+
+    @property
+    def to_be_found(self) -> bool:
+        return self.place == "unknown" or any(not isinstance(xyz, list) for xyz in self.points.values())
+
+    @model_validator(mode="after")
+    def _sensible(self) -> TargetConfig:
+        if self.file is not None and (self.points or self.axes):
+            raise PydanticCustomError("target", "give the points in 'file' or here, not both")
+        for name, axis in self.axes.items():
+            if not any(axis):
+                raise PydanticCustomError("target", "the axis '{name}' cannot be the zero vector", {"name": name})
+        return self
+
+
+class ObservationConfig(Strict):
+    """An instrument that reads a target, with the keys of its kind beside these.
+
+    at: where it stands, or the name of another entry of `measurements`, if it is the same instrument. target: its name
+    under `targets`, or what it is. reports: whose pose the data hold, where whole frames are read. session: poses of
+    other sessions are other postures, whatever they are called.
+    """
+
+    instrument: str
+    at: Annotated[Annotated[str, Tag("word")] | Annotated[PlaceConfig, Tag("given")], Discriminator(word_or_given)] = (
+        PlaceConfig()
+    )
+    target: Annotated[
+        Annotated[str, Tag("word")] | Annotated[TargetConfig, Tag("given")], Discriminator(word_or_given)
+    ] = TargetConfig()
+    reports: Literal["target", "instrument"] = "target"
+    session: str = ""
+    data: FileData | None = None
+
+
+class _Noise(Strict):
+    """per: `axis` for a noise of every axis of the instrument's own frame."""
+
+    per: Literal["axis"] | None = None
+
+    def sizes(self) -> dict[str, float]:
+        return {name: value for name, value in self.model_dump(exclude={"per"}).items() if value is not None}
+
+
+def _of_kind(kind: type[Instrument]) -> type[ObservationConfig]:
+    """The keys of an observation by a kind of instrument."""
+    sizes: dict[str, Any] = {q.noise: (Positive | None, None) for q in kind().quantities}
+    noise = create_model(f"{kind.name}_noise", __base__=_Noise, **sizes)
+    own: dict[str, Any] = {name: (field.annotation, field) for name, field in kind.Config.model_fields.items()}
+    tag: dict[str, Any] = {"instrument": (Literal[kind.name], ...), "noise": (noise, noise())}
+    return create_model(kind.name, __base__=ObservationConfig, __doc__=kind.Config.__doc__, **tag, **own)
+
+
+@lru_cache(maxsize=8)
+def observation_type(kinds: tuple[type[Instrument], ...]) -> Any:
+    """The union over kinds, told apart by `instrument`."""
+    return Annotated[Union[tuple(_of_kind(kind) for kind in kinds)], Field(discriminator="instrument")]  # noqa: UP007

@@ -1,0 +1,263 @@
+"""Instruments and targets of an experiment file as observations, in mm and rad."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symcal.camera.files import read_camera, read_target
+from symcal.camera.target import Target as Marks
+from symcal.config.experiment import ExperimentFile
+from symcal.config.measurements import FileData, NearConfig, ObservationConfig, PlaceConfig
+from symcal.data.measurement_file import Layout
+from symcal.documents.document import Document, Key
+from symcal.errors import InputError
+from symcal.instruments import KINDS, Edge, Instrument
+from symcal.model.observation import Observation, Place, Point, Target
+from symcal.model.task import Scene, Task, pixels_task
+
+Array = NDArray[np.float64]
+
+
+def existing(document: Document, path: str, key: Key, what: str) -> Path:
+    """A file named in the experiment, as an absolute path that is there."""
+    resolved = document.resolve(path, key)
+    if not resolved.is_file():
+        raise document.error(f"the {what} is not there", key, found=resolved)
+    return resolved
+
+
+def observed(file: ExperimentFile, document: Document) -> Task:
+    """What an experiment measures, without its priors and sizes.
+
+    Raises:
+        InputError: with file, line and key, for what is missing, unknown or makes no sense together.
+    """
+    return _in_short(file, document) if file.measurement is not None else _at_length(file, document)
+
+
+# ------------------------------------------------------------------------------------------------- measurement in short
+
+
+def _in_short(file: ExperimentFile, document: Document) -> Task:
+    m = file.measurement
+    assert m is not None
+    kind, length = KINDS[m.type], file.units.factor("mm")
+    if m.points and kind.reads != "points":
+        message = f"a {m.type} measurement has no points: give the tool frame in the robot file"
+        raise document.error(message, ("measurement", "points"))
+    for name, xyz in m.points.items():
+        if xyz is None and "points" not in m.estimate:
+            message = "this point has no coordinates: give them, or add 'points' to 'estimate'"
+            raise document.error(message, ("measurement", "points", name))
+    try:
+        if m.is_camera:
+            task = pixels_task(_scene(file, document), m.estimate)
+        else:
+            points: dict[str, Point | None] = {name: _triple(xyz, length) for name, xyz in m.points.items()}
+            task = Task.of(m.type, m.estimate, points or None, invert=m.invert)
+    except InputError as error:
+        raise document.error(error.message, _key(error), found=error.found, allowed=error.allowed) from None
+    noise = {name: value * _factor(file, kind(), name) for name, value in m.noise.items()}
+    return task.observed(replace(o, noise=noise) for o in task.observations)
+
+
+def _key(error: InputError) -> Key:
+    return tuple((error.key or "measurement").split("."))
+
+
+def _triple(xyz: Sequence[float] | None, length: float) -> Point:
+    return (0.0, 0.0, 0.0) if xyz is None else (xyz[0] * length, xyz[1] * length, xyz[2] * length)
+
+
+def _factor(file: ExperimentFile, kind: Instrument, quantity: str) -> float:
+    """mm, rad or px per unit of the file, of a quantity; 1 if the kind has none of this name."""
+    units = {q.noise: q.unit for q in kind.quantities}
+    return file.units.factor(units.get(quantity, "px"))
+
+
+def _scene(file: ExperimentFile, document: Document) -> Scene:
+    """Camera, target and rough camera pose of a pixel measurement."""
+    m = file.measurement
+    assert m is not None
+    camera = read_camera(existing(document, str(m.camera), ("measurement", "camera"), "camera file"))
+    target = read_target(existing(document, str(m.target), ("measurement", "target"), "target file"))
+    if m.camera_pose is None:
+        return Scene(camera, target)
+    return Scene(camera, target, _frame(m.camera_pose, file, document, ("measurement", "camera_pose")))
+
+
+def _frame(given: Any, file: ExperimentFile, document: Document, key: Key) -> Array:
+    try:
+        return np.asarray(given.matrix(file.units.factor("mm"), file.units.factor("rad")))
+    except InputError as error:
+        raise document.error(error.message, key, found=error.found) from None
+
+
+# ----------------------------------------------------------------------------------------------- measurements at length
+
+
+def _at_length(file: ExperimentFile, document: Document) -> Task:
+    observations: list[Observation] = []
+    for name, entry in file.measurements.items():
+        observations += _entry(name, entry, file, document)
+    read = {entry.target for entry in file.measurements.values() if isinstance(entry.target, str)}
+    for name in file.targets:
+        if name not in read:
+            raise document.error("no instrument reads this target", ("targets", name), found=name)
+    return Task(tuple(observations), file.base == "unknown", file.tool == "unknown")
+
+
+def _entry(name: str, entry: ObservationConfig, file: ExperimentFile, document: Document) -> list[Observation]:
+    """The observations of an entry: one, or one per session of its data."""
+    key: Key = ("measurements", name)
+    instrument = _instrument(name, entry, file, document)
+    at, place_name, own = _instrument_place(name, entry, file, document)
+    target = _target(name, entry, instrument, file, document)
+    noise = {q: value * _factor(file, instrument, q) for q, value in entry.noise.sizes().items()}  # type: ignore[attr-defined]
+    per_axis = entry.noise.per == "axis"  # type: ignore[attr-defined]
+    if per_axis:
+        instrument = by_axis(instrument, entry.reports)
+    observation = Observation(
+        instrument, name, at, target, entry.reports, entry.session, name, noise, per_axis, place_name
+    )
+    target_config = file.targets.get(entry.target) if isinstance(entry.target, str) else entry.target
+    per = [config for config in (own, target_config) if config is not None and config.per == "session"]
+    if not per:
+        return [observation]
+    if entry.session:
+        message = "'per: session' takes the sessions from the data: leave 'session' out"
+        raise document.error(message, (*key, "session"), found=entry.session)
+    sessions = _sessions(name, entry, document)
+    found = []
+    for session in sessions:
+        label = f"{name}_{_plain(session)}"
+        there = replace(observation, name=label, session=session, place_name=place_name)
+        if own.per == "session":
+            there = replace(there, place_name=f"{place_name}_{_plain(session)}")
+        if target_config is not None and target_config.per == "session":
+            there = replace(there, target=replace(target, name=f"{target.name}_{_plain(session)}"))
+        found.append(there)
+    if not found:
+        raise document.error("no session is in the data", (*key, "data"))
+    return found
+
+
+def _plain(session: str) -> str:
+    """A session's name as part of a parameter's."""
+    return "".join(c if c.isalnum() or c in "-_" else "_" for c in session)
+
+
+def _sessions(name: str, entry: ObservationConfig, document: Document) -> tuple[str, ...]:
+    """The sessions in an entry's data, in their order."""
+    key: Key = ("measurements", name, "data")
+    if entry.data is None:
+        message = "'per: session' needs the data here: they say which sessions there are"
+        raise document.error(message, key)
+    table = layout_of(entry.data).table(existing(document, entry.data.file, (*key, "file"), "file of measurements"))
+    if "session" not in table.columns:
+        message = "'per: session' needs a column 'session' in the data, or 'columns: {session: ...}'"
+        raise document.error(message, (*key, "columns"), allowed=table.columns)
+    return tuple(dict.fromkeys(table.text("session")))
+
+
+def _instrument(name: str, entry: ObservationConfig, file: ExperimentFile, document: Document) -> Instrument:
+    kind = KINDS[entry.instrument]
+    own = {key: getattr(entry, key) for key in kind.Config.model_fields}
+    edge = Edge(
+        file.units.factor("mm"),
+        file.units.factor("rad"),
+        lambda path, key: existing(document, path, ("measurements", name, key), "file"),
+    )
+    try:
+        return kind.configured(kind.Config.model_validate(own), edge)
+    except InputError as error:
+        if error.file is not None:
+            raise
+        raise document.error(error.message, ("measurements", name), found=error.found) from None
+
+
+def by_axis(instrument: Instrument, reports: str) -> Instrument:
+    """The instrument with residuals in its own axes, where it tells axes apart."""
+    fields = getattr(instrument, "__dataclass_fields__", {})
+    if "axes" not in fields:
+        return instrument
+    return replace(instrument, axes="observed" if reports == "instrument" else "observer")  # type: ignore[type-var]
+
+
+def _instrument_place(
+    name: str, entry: ObservationConfig, file: ExperimentFile, document: Document
+) -> tuple[Place, str, PlaceConfig]:
+    """Where an instrument stands, what its place is called, and what the file says of it."""
+    key: Key = ("measurements", name, "at")
+    seen = [name]
+    while isinstance(entry.at, str):
+        other = entry.at
+        if other not in file.measurements or other in seen:
+            message = "no such instrument to stand at" if other not in seen else "instruments stand at each other"
+            raise document.error(message, key, found=other, allowed=[n for n in file.measurements if n != name])
+        seen.append(other)
+        entry = file.measurements[other]
+    return _place(entry.at, file, document, key), seen[-1], entry.at
+
+
+def _place(config: PlaceConfig, file: ExperimentFile, document: Document, key: Key) -> Place:
+    unknown = config.place == "unknown"
+    given = config.near if unknown else config.place
+    frame = None if given is None else _frame(given, file, document, (*key, "near" if unknown else "place"))
+    return Place(config.on, frame, unknown)
+
+
+def _target(
+    name: str, entry: ObservationConfig, instrument: Instrument, file: ExperimentFile, document: Document
+) -> Target:
+    key: Key = ("measurements", name, "target")
+    config, called = entry.target, f"{name}_target"
+    if isinstance(config, str):
+        called = config
+        if called not in file.targets:
+            raise document.error("no such target", key, found=called, allowed=file.targets)
+        key, config = ("targets", called), file.targets[called]
+    length = file.units.factor("mm")
+    place = _place(config, file, document, key)
+    points: dict[str, Point | None] = {
+        n: _triple(xyz, length) if isinstance(xyz, list) else None for n, xyz in config.points.items()
+    }
+    near = {n: _triple(xyz.near, length) for n, xyz in config.points.items() if isinstance(xyz, NearConfig)}
+    axes = {n: (v[0], v[1], v[2]) for n, v in config.axes.items()}
+    marks: Marks | None = None
+    if config.file is not None:
+        marks = read_target(existing(document, config.file, (*key, "file"), "target file"))
+        points = {n: (float(x), float(y), float(z)) for n, (x, y, z) in zip(marks.names, marks.points, strict=True)}
+    if instrument.reads == "points" and not points and not axes:
+        points = {"P": (0.0, 0.0, 0.0)}  # the origin of the place itself
+    if instrument.reads == "axes" and not axes and not points:
+        axes = {"z": (0.0, 0.0, 1.0)}
+    return Target(called, place, points, axes, marks, near=near)
+
+
+# ------------------------------------------------------------------------------------------------------------ the data
+
+
+def sources(file: ExperimentFile) -> Mapping[str, FileData | None]:
+    """The file of measurements of every entry; None where the experiment's own `data` says where they are."""
+    own = file.data if isinstance(file.data, FileData) else None
+    if file.measurement is not None:
+        return {file.measurement.type: own}
+    return {name: entry.data or own for name, entry in file.measurements.items()}
+
+
+def reads_files(file: ExperimentFile) -> bool:
+    """Whether any measurement comes from a file."""
+    return any(source is not None for source in sources(file).values())
+
+
+def layout_of(config: FileData) -> Layout:
+    """How the file of measurements is to be read."""
+    where = {column: str(value) for column, value in config.where.items()}
+    return Layout(config.columns, where, config.delimiter, config.decimal)

@@ -1,0 +1,47 @@
+"""CSV files of measurements, written: deg and mm, one row per reading, as `symcal.data.measurement_file` reads them."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from symcal.data.dataset import Dataset
+from symcal.robot.robot import Robot
+
+
+def save_measurements(data: Dataset, robot: Robot, path: Path | str) -> None:
+    """Write the canonical CSV (deg and mm) of one instrument's data that `load_measurements` reads back."""
+    units = ["deg" if joint.revolute else "mm" for joint in robot.joints]
+    head = ["pose", *(f"q{i}_{unit}" for i, unit in enumerate(units, start=1))]
+    q = np.where([joint.revolute for joint in robot.joints], np.rad2deg(data.q), data.q)
+    rows: list[list[object]] = []
+    kind = data.only.instrument
+    size, width = len(kind.columns), sum(quantity.size for quantity in kind.quantities)
+    named = kind.reads != "frame"
+    head += ["point"] if named else []
+    head += [name if unit is None else f"{name}_{unit}" for name, unit in kind.columns]
+    for i in range(len(data)):
+        for k, name in enumerate(data.only.features or ("",)):
+            own, errors = slice(size * k, size * (k + 1)), slice(width * k, width * (k + 1))
+            if np.isfinite(data.z[i, own]).any():
+                cells = [*data.z[i, own], *_sigma_cells(data, i, errors)]
+                rows.append([data.labels[i], *q[i], *([name] if named else []), *cells, data.split[i]])
+    if data.sigma is not None:
+        head += [f"{name}_{quantity.unit}" for quantity in kind.quantities for name in quantity.sigma_columns]
+    with Path(path).open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow([*head, "split"])
+        writer.writerows([[_cell(c) for c in row] for row in rows])
+
+
+def _cell(value: object) -> object:
+    """A number with all its digits; nothing where nothing was measured."""
+    if not isinstance(value, float):
+        return value
+    return repr(float(value)) if np.isfinite(value) else ""
+
+
+def _sigma_cells(data: Dataset, row: int, columns: slice) -> list[float]:
+    return [] if data.sigma is None else [float(v) for v in data.sigma[row, columns]]

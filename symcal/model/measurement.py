@@ -1,0 +1,173 @@
+"""What the instruments read of a robot, as compiled functions of joint readings, errors and frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from symcal import spatial
+from symcal.kinematics import Chain, frame_vector
+from symcal.model.observation import Observation
+from symcal.parameters import ParameterSet, Unit, coordinate_names, frame_names
+
+SX = ca.SX
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """Where things nominally are: numbers that a model is given at evaluation, and that its increments refer to.
+
+    base: T_world_base, tool: T_flange_tool, shape (4, 4), mm. points: of all targets in their frames, shape (k, 3), mm.
+    places: frames of instruments and targets by name, each where it stands, shape (4, 4), mm. own: numbers of the
+    instruments by name, one instrument after the other.
+    """
+
+    base: Array
+    tool: Array
+    points: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    places: Mapping[str, Array] = field(default_factory=dict)
+    own: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def vector(self) -> Array:
+        parts = [frame_vector(self.base, self.tool), self.points.ravel()]
+        parts += [place[:3].ravel(order="F") for place in self.places.values()]
+        return np.concatenate([*parts, list(self.own.values())])
+
+    def moved(self, errors: Mapping[str, float], points: Iterable[str] = ()) -> Setup:
+        """The setup with the increments of base, tool, places and points in ``errors`` (mm, rad) carried out.
+
+        Numbers of instruments stay: their errors are from what their nominal values were found with.
+
+        Args:
+            points: what the points are called as parameters, in their order (`Measurement.points_called`).
+        """
+        shifts = [[errors.get(c, 0.0) for c in coordinate_names(name)] for name in points]
+        return replace(
+            self,
+            base=_moved(self.base, "base", errors),
+            tool=_moved(self.tool, "tool", errors),
+            points=self.points + np.array(shifts).reshape(self.points.shape) if shifts else self.points,
+            places={name: _moved(place, name, errors) for name, place in self.places.items()},
+        )
+
+
+def _moved(frame: Array, name: str, errors: Mapping[str, float]) -> Array:
+    increment = np.array([errors.get(axis, 0.0) for axis in frame_names(name)])
+    rotation = Rotation.from_rotvec(increment[3:]).as_matrix()
+    return np.asarray(frame @ spatial.transform(rotation, increment[:3]))
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Residual components that share one noise sigma.
+
+    name: `position` where there is one observation, else with the observation's name before it. quantity, observation:
+    what of which. block: components of one reading: residuals are judged by the norm over ``block`` consecutive
+    columns. floor: noise of data that have none: rounding. alike: noise that goes with one unit of noise of the
+    observation's first group, roughly.
+    """
+
+    name: str
+    unit: Unit
+    columns: tuple[int, ...]
+    block: int
+    floor: float
+    alike: float = 1.0
+    quantity: str = ""
+    observation: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What one observation adds.
+
+    readings, components: its columns in z and in the residual. errors: its place in the vector of errors.
+    residual: (q, x, setup, z) -> r and J of its own z alone, shapes (m,) and (m, n).
+    margins: (q, x, setup) -> by how much each feature can be read, shape (features * limits,); None without limits.
+    """
+
+    observation: Observation
+    readings: slice
+    components: slice
+    errors: slice
+    attitudes: slice
+    residual: ca.Function
+    margins: ca.Function | None = None
+
+    @property
+    def features(self) -> int:
+        return max(len(self.observation.features), 1)
+
+    def seen(self, z: Array) -> NDArray[np.bool_]:
+        """Which components of the residual were measured, shape (N, m), from all readings (N, nz)."""
+        there = np.isfinite(z[:, self.readings])
+        if self.observation.instrument.componentwise:
+            return there
+        whole = there.reshape(len(z), self.features, -1).all(axis=2)
+        return np.repeat(whole, (self.components.stop - self.components.start) // self.features, axis=1)
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """Any number of observations of one robot; made by `symcal.model.observe.observe`.
+
+    predict:  (q, x, setup) -> h, shape (nz,), as the instruments would give it, one observation after the other.
+    jacobian: (q, x, setup) -> J at zero residual, shape (m, n): the information of a pose that is yet to be measured.
+    accuracy: (q, x, setup, z) -> e: what is judged, by observation: of an instrument that gives points the tool's error
+        in world (mm), then of its attitude (rad); of another one what it says of itself.
+    points: (q, x, setup) -> the points of the robot that are measured, in world, shape (3 k,), mm, and their Jacobian,
+        shape (3 k, n).
+    points_called: what the points of the setup are called as parameters.
+    """
+
+    chain: Chain
+    parts: tuple[Part, ...]
+    groups: tuple[Group, ...]
+    points_called: tuple[str, ...]
+    predict: ca.Function
+    jacobian: ca.Function
+    accuracy: ca.Function
+    points: ca.Function
+
+    @property
+    def parameters(self) -> ParameterSet:
+        return self.chain.parameters
+
+    @property
+    def rows(self) -> int:
+        """Residual components per pose."""
+        return int(self.parts[-1].components.stop)
+
+    @property
+    def observations(self) -> tuple[Observation, ...]:
+        return tuple(part.observation for part in self.parts)
+
+    @property
+    def residual(self) -> ca.Function:
+        """Of the only observation."""
+        (part,) = self.parts
+        return part.residual
+
+    @property
+    def adrift(self) -> bool:
+        """Nothing but the instruments says where the world is: errors are meant after one rigid alignment."""
+        loose = [o.at.unknown and not o.at.moves for o in self.observations if not (o.riding or o.reports != "target")]
+        return bool(loose) and all(loose)
+
+    def per_component(self, values: Mapping[str, float]) -> Array:
+        """A value per group spread over the residual components, shape (m,)."""
+        out = np.empty(self.rows)
+        for group in self.groups:
+            out[list(group.columns)] = values[group.name]
+        return out
+
+    def per_unit(self, values: Mapping[str, float]) -> Array:
+        """A value per unit (mm, rad, px) spread over the residual components, shape (m,)."""
+        return self.per_component({group.name: values[group.unit] for group in self.groups})

@@ -1,0 +1,168 @@
+"""What measured and what its errors are, as reports say it: instruments, the quantity that judges, noise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from symcal.parameters import FRAME_AXES
+from symcal.words import listed, number
+
+Content = Mapping[str, Any]
+Facts = Sequence[Mapping[str, Any]]
+
+POSITION = "position_mm"
+"""The quantity of results that do not name theirs."""
+
+_OF_THE_ROBOT = {"base", "tool", "points", "camera", "intrinsics"}
+_MOST_NAMED = 6  # instruments in a sentence
+_MOST_FEATURES = 4  # points or axes of a target in a cell
+_OLDER = (
+    ("noise_sigma_mm", "position", "mm"),
+    ("noise_sigma_deg", "orientation", "deg"),
+    ("noise_sigma_px", "image", "px"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """The quantity that an identification is judged by.
+
+    key: its name in the accuracy of results.json. error: said to people; title: to tables. of_tool: it is the error of
+    the robot's tool. reader: whose it is, where several instruments measured and none of them tells the tool's error.
+    scalar: it is one number, so that its norm is its size.
+    """
+
+    key: str
+    unit: str
+    error: str
+    of_tool: bool
+    reader: str | None
+    scalar: bool
+
+    @property
+    def title(self) -> str:
+        return "position error" if self.of_tool else self.error
+
+    @property
+    def these(self) -> str:
+        return "these position errors" if self.of_tool else "these errors"
+
+
+def judged(content: Content) -> Judged:
+    """Which quantity a report speaks of."""
+    measurement, instruments = content.get("measurement", {}), observers(content)
+    of_tool = measurement.get("of_tool", True)
+    alone, judges = len(instruments) < 2, measurement.get("judged_by", [])
+    return Judged(
+        measurement.get("quantity", POSITION),
+        measurement.get("unit", "mm"),
+        measurement.get("error", "tool error"),
+        of_tool,
+        None if alone or of_tool or len(judges) == len(instruments) else listed(judges),
+        not of_tool and bool(instruments) and instruments[0]["quantities"][0]["size"] == 1,
+    )
+
+
+def observers(content: Content) -> Facts:
+    """Facts about every instrument; none where results are too old to have them."""
+    facts: Facts = content.get("measurement", {}).get("instruments", ())
+    return facts
+
+
+def observers_named(instruments: Facts) -> str:
+    """`tracker (positions) and wire (distances)`; of many the first ones and how many more."""
+    names = [f"{facts['name']} ({facts['reads']})" for facts in instruments]
+    if len(names) > _MOST_NAMED + 1:
+        names = [*names[:_MOST_NAMED], f"{len(names) - _MOST_NAMED} more"]
+    return listed(names)
+
+
+def what_is_read(facts: Mapping[str, Any]) -> str:
+    """`distances of smr P on flange`."""
+    features = facts["features"]
+    many = len(features) > _MOST_FEATURES
+    named = [f"({len(features)} of them)"] if many else [", ".join(features)] if features else []
+    on = [] if facts["target"] == facts["target_on"] else [f"on {facts['target_on']}"]
+    return " ".join([facts["reads"], "of", facts["target"], *named, *on])
+
+
+def fitted_before(content: Content) -> str:
+    """What was fitted with nominal kinematics."""
+    own = set(content.get("measurement", {}).get("estimate", ())) <= _OF_THE_ROBOT
+    return "base and tool" if own else "places, points and instruments' own numbers"
+
+
+def unknowns(instruments: Facts) -> set[str]:
+    return {name for facts in instruments for name in facts["unknown"]}
+
+
+def stands_on(name: str, instruments: Facts) -> str | None:
+    """On what an instrument or a target stands, by the name of its place; None if there is no such place."""
+    for facts in instruments:
+        if facts["name"] == name:
+            return str(facts["on"])
+        if facts["target"] == name:
+            return str(facts["target_on"])
+    for facts in instruments:  # a place for each session has a name of its own
+        if any(f"{name}_{axis}" in facts["unknown"] for axis in FRAME_AXES):
+            return str(facts["on"])
+    return None
+
+
+# --------------------------------------------------------------------------------------------------------------- noise
+
+
+def noise_groups(found: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """Noise by group of an identification: sigma, unit and quantity; of older results as far as they have it."""
+    if "noise" in found:
+        return dict(found["noise"])
+    return {
+        group: {"sigma": found[key], "unit": unit, "quantity": group}
+        for key, group, unit in _OLDER
+        if found.get(key) is not None
+    }
+
+
+def noise_words(content: Content) -> str:
+    """`standard deviation 0.05 mm per axis of position (given)`."""
+    sizes = {q["noise"]: q["size"] for facts in observers(content) for q in facts["quantities"]}
+    parts = []
+    for group, noise in noise_groups(content["identification"]).items():
+        several = sizes.get(noise["quantity"], 3) > 1 and group.endswith(noise["quantity"])
+        how = "estimated from the training data" if group in _estimated(content) else "given"
+        parts.append(f"{number(noise['sigma'])} {noise['unit']} {'per axis ' if several else ''}of {group} ({how})")
+    return "standard deviation " + ", ".join(parts) if parts else "given with each measurement"
+
+
+def noise_of(content: Content, facts: Mapping[str, Any]) -> str:
+    """The noise of one instrument: `0.05 mm (given)`."""
+    groups = noise_groups(content["identification"])
+    owners = {_owner(group, noise) for group, noise in groups.items()}
+    whose = max((owner for owner in owners if _comes_from(facts, owner)), key=len, default="")
+    own = {group: noise for group, noise in groups.items() if _owner(group, noise) == whose}
+    if not own:
+        return "as given by reading"
+    units = dict.fromkeys(noise["unit"] for noise in own.values())
+    sizes = ", ".join(
+        f"{', '.join(number(noise['sigma']) for noise in own.values() if noise['unit'] == unit)}\u00a0{unit}"
+        for unit in units
+    )
+    return f"{sizes} ({'estimated' if set(own) <= set(_estimated(content)) else 'given'})"
+
+
+def _owner(group: str, noise: Mapping[str, Any]) -> str:
+    """The instrument that a group is named after; empty where only one measured."""
+    first = group.split(" ")[0]
+    return "" if first == noise["quantity"] else first
+
+
+def _comes_from(facts: Mapping[str, Any], owner: str) -> bool:
+    """Sessions of an instrument are named after it."""
+    return bool(owner == facts["name"] or (facts["session"] and facts["name"].startswith(f"{owner}_")))
+
+
+def _estimated(content: Content) -> Iterable[str]:
+    groups: Iterable[str] = content["identification"].get("noise_estimated", ())
+    return groups

@@ -1,0 +1,390 @@
+"""Any number of instruments against an independent model in NumPy: rank at the truth, errors against Cramer-Rao.
+
+    python tests/known_truth.py [draws]        long form of test_known_truth.py: 100 draws of each scenario
+
+The witness knows no screws and no CasADi: homogeneous matrices, and derivatives by complex steps.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from cases import ARM
+from numpy.typing import NDArray
+from scipy import stats
+from scipy.spatial.transform import Rotation
+
+from symcal.calibration.identify import calibrate
+from symcal.calibration.simulate import simulate
+from symcal.fit.estimation import Options
+from symcal.instruments import Instrument, kind_named
+from symcal.instruments.noise import Noise
+from symcal.model.measurement import Setup
+from symcal.model.model import Model, build_model, nominal_setup
+from symcal.model.observation import Observation, Place, Target
+from symcal.model.task import Task
+from symcal.placing.placement import stated
+from symcal.spatial import transform
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+POSES = 60
+SIZE = 0.2  # of the default plausible sizes: so small that the model is linear from gauge to gauge at the noise
+_STEP = 1e-30
+
+
+def kind(name: str, **settings: object) -> Instrument:
+    return kind_named(name)(**settings)
+
+
+# ------------------------------------------------------------------------------------------------------ the scenarios
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """What is measured, and where everything truly stands; noise by observation and quantity."""
+
+    task: Task
+    setup: Setup
+    noise: Mapping[str, Mapping[str, float]]
+
+
+def frame(rng: np.random.Generator, size: float, turn: float = np.pi) -> Array:
+    direction = rng.normal(size=3)
+    rotation = Rotation.from_rotvec(turn * rng.uniform(0.3, 1) * direction / np.linalg.norm(direction)).as_matrix()
+    return transform(rotation, rng.uniform(0.4, 1.0, 3) * size * rng.choice([-1.0, 1.0], 3))
+
+
+def near(place: Array, rng: np.random.Generator, mm: float = 30.0, rad: float = 0.05) -> Array:
+    return np.asarray(
+        place @ transform(Rotation.from_rotvec(rad * rng.normal(size=3)).as_matrix(), mm * rng.normal(size=3))
+    )
+
+
+def unknown(on: str = "world", guess: Array | None = None) -> Place:
+    return Place(on, guess, unknown=True)
+
+
+def three_wires(rng: np.random.Generator) -> Scenario:
+    target = Target("smr", Place("flange"), {"P": None})
+    wires = [Observation(kind("distance", offset=None), f"wire_{c}", at=unknown("base"), target=target) for c in "abc"]
+    places = {o.name: transform(np.eye(3), rng.uniform(600, 1500, 3) * rng.choice([-1, 1], 3)) for o in wires}
+    own = {f"{o.name}_offset": float(rng.uniform(-50, 50)) for o in wires}
+    setup = Setup(np.eye(4), np.eye(4), rng.uniform(30, 90, (1, 3)), places, own)
+    return Scenario(Task(tuple(wires)), setup, {o.name: {"distance": 0.05} for o in wires})
+
+
+def two_dial_gauges(rng: np.random.Generator) -> Scenario:
+    target = Target("ball", Place("flange"), {"P": (20.0, -10.0, 60.0)})
+    places = {name: frame(rng, 800.0) for name in ("gauge_1", "gauge_2")}
+    gauges = [
+        Observation(kind("component"), name, at=unknown("base", near(place, rng)), target=target)
+        for name, place in places.items()
+    ]
+    setup = Setup(np.eye(4), np.eye(4), np.array([[20.0, -10.0, 60.0]]), places)
+    return Scenario(Task(tuple(gauges)), setup, {name: {"component": 0.02} for name in places})
+
+
+def tracker_and_wire(rng: np.random.Generator) -> Scenario:
+    target = Target("smr", Place("flange"), {"P": None})
+    tracker = Observation(kind("position"), "tracker", target=target)
+    wire = Observation(kind("distance", offset=None), "wire", at=unknown(), target=target)
+    base = frame(rng, 1500.0)
+    anchor = np.asarray(base @ transform(np.eye(3), rng.uniform(600, 1200, 3)))
+    setup = Setup(base, np.eye(4), rng.uniform(30, 90, (1, 3)), {"wire": anchor}, {"wire_offset": 12.0})
+    return Scenario(
+        Task((tracker, wire), base=True), setup, {"tracker": {"position": 0.05}, "wire": {"distance": 0.03}}
+    )
+
+
+def two_trackers(rng: np.random.Generator) -> Scenario:
+    target = Target("smr", Place("flange"), {"P": None, "Q": None})
+    first = Observation(kind("position"), "tracker_1", target=target)
+    second = Observation(kind("position"), "tracker_2", at=unknown(), target=target)
+    setup = Setup(frame(rng, 1500.0), np.eye(4), rng.uniform(30, 120, (2, 3)), {"tracker_2": frame(rng, 2000.0)})
+    noise = {"tracker_1": {"position": 0.05}, "tracker_2": {"position": 0.1}}
+    return Scenario(Task((first, second), base=True), setup, noise)
+
+
+def two_sessions(rng: np.random.Generator) -> Scenario:
+    monday = Observation(kind("position"), "monday", target=Target("first", Place("flange"), {"P": None}))
+    second = Target("second", Place("flange"), {"Q": None})
+    tuesday = Observation(kind("position"), "tuesday", at=unknown(), target=second, session="tuesday")
+    setup = Setup(frame(rng, 1500.0), np.eye(4), rng.uniform(30, 120, (2, 3)), {"tuesday": frame(rng, 2000.0)})
+    return Scenario(Task((monday, tuesday), base=True), setup, {n: {"position": 0.05} for n in ("monday", "tuesday")})
+
+
+def eye_in_hand(rng: np.random.Generator) -> Scenario:
+    camera = Observation(kind("pose"), "camera", at=Place("tool"), target=Target("board", Place("world")))
+    setup = Setup(frame(rng, 900.0), frame(rng, 80.0))
+    return Scenario(Task((camera,), base=True, tool=True), setup, {"camera": {"position": 0.1, "orientation": 2e-4}})
+
+
+def directions_only(rng: np.random.Generator) -> Scenario:
+    beams = Target("beams", Place("tool"), {}, {"along": (0.0, 0.0, 1.0), "across": (1.0, 0.2, 0.0)})
+    seen = Observation(kind("direction"), "directions", target=beams)
+    setup = Setup(frame(rng, 500.0), frame(rng, 50.0))
+    return Scenario(Task((seen,), base=True, tool=True), setup, {"directions": {"direction": 1e-4}})
+
+
+SCENARIOS: dict[str, Callable[[np.random.Generator], Scenario]] = {
+    f.__name__: f
+    for f in (three_wires, two_dial_gauges, tracker_and_wire, two_trackers, two_sessions, eye_in_hand, directions_only)
+}
+
+
+# -------------------------------------------------------------------------------------------------------- the witness
+
+
+def about(axis: int, angle: Complex) -> Complex:
+    """Turns about an axis, shape (N, 4, 4)."""
+    c, s = np.cos(angle), np.sin(angle)
+    t = np.tile(np.eye(4, dtype=complex), (len(angle), 1, 1))
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    t[:, i, i], t[:, i, j], t[:, j, i], t[:, j, j] = c, -s, s, c
+    return t
+
+
+def along(axis: int, length: complex) -> Complex:
+    t = np.eye(4, dtype=complex)
+    t[axis, 3] = length
+    return t
+
+
+def increment(values: Complex) -> Complex:
+    """A frame's increment: translation, then a rotation vector; by the series of the exponential."""
+    x, y, z = values[3:]
+    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    t, term = np.eye(4, dtype=complex), np.eye(3, dtype=complex)
+    for n in range(1, 20):
+        term = term @ k / n
+        t[:3, :3] += term
+    t[:3, 3] = values[:3]
+    return t
+
+
+@dataclass(frozen=True)
+class Witness:
+    """Readings of a scenario at joint readings (N, dof) and errors by parameter name."""
+
+    scenario: Scenario
+
+    def moved(self, nominal: Array, name: str, e: Mapping[str, complex]) -> Complex:
+        axes = ("x", "y", "z", "rx", "ry", "rz")
+        return nominal @ increment(np.array([e.get(f"{name}_{axis}", 0.0) for axis in axes], dtype=complex))
+
+    def stations(self, q: Array, e: Mapping[str, complex]) -> dict[str, Complex]:
+        setup, still = self.scenario.setup, np.tile(np.eye(4, dtype=complex), (len(q), 1, 1))
+        t = still @ self.moved(setup.base, "base", e)
+        found, nothing = {"world": still, "base": t}, np.zeros(len(q), dtype=complex)
+        for i, (link, reading) in enumerate(zip(ARM.links, q.T, strict=True), start=1):
+            own = {k: link.parameters[k] + e.get(f"{k}_{i}", 0.0) for k in link.parameters}
+            t = t @ about(0, own.get("alpha", 0.0) + nothing) @ along(0, own.get("a", 0.0))
+            t = t @ about(1, own.get("beta", 0.0) + nothing)
+            t = t @ about(2, own["theta"] + reading + nothing) @ along(2, own.get("d", 0.0))
+        return found | {"flange": t, "tool": t @ self.moved(setup.tool, "tool", e)}
+
+    def place(self, stations: dict[str, Complex], name: str, place: Place, e: Mapping[str, complex]) -> Complex:
+        there = self.scenario.setup.places.get(name)
+        return stations[place.on] if there is None else stations[place.on] @ self.moved(there, name, e)
+
+    def residual(self, q: Array, e: Mapping[str, complex], exact: list[Complex] | None = None) -> list[Complex]:
+        """What every observation reads of every feature, shape (N, d) each; whole frames and directions by how far they
+        are from exact ones, where those are given."""
+        task, setup = self.scenario.task, self.scenario.setup
+        stations, out, known = self.stations(q, e), [], iter(exact or [])
+        order = list(dict.fromkeys(o.target.qualified(p) for o in task.observations for p in o.target.points))
+        for o in task.observations:
+            t = np.linalg.inv(self.place(stations, o.place, o.at, e)) @ self.place(
+                stations, o.target.name, o.target.at, e
+            )
+            for feature in o.features or ("",):
+                before = next(known, None)
+                if o.instrument.reads == "points":
+                    called = o.target.qualified(feature)
+                    shift = [e.get(f"{called}_{axis}", 0.0) for axis in "xyz"]
+                    out.append(
+                        self.of_point((t @ np.append(setup.points[order.index(called)] + shift, 1.0))[:, :3], o, e)
+                    )
+                elif o.instrument.reads == "frame":
+                    out.append(t if before is None else from_frame(t, before))
+                else:
+                    axis = np.array(o.target.axes[feature]) / np.linalg.norm(o.target.axes[feature])
+                    u = t[:, :3, :3] @ axis
+                    out.append(u if before is None else np.einsum("nij,nj->ni", across(before), u))
+        return out
+
+    def of_point(self, p: Complex, o: Observation, e: Mapping[str, complex]) -> Complex:
+        if o.instrument.name == "distance":
+            offset = self.scenario.setup.own[f"{o.name}_offset"] + e.get(f"{o.name}_offset", 0.0)
+            return np.sqrt(np.sum(p * p, axis=1, keepdims=True)) + offset
+        return p[:, 2:] if o.instrument.name == "component" else p
+
+    def jacobian(self, q: Array, names: tuple[str, ...], errors: Mapping[str, float]) -> Array:
+        """By complex steps, shape (N, m, n)."""
+        exact = self.residual(q, errors)
+        columns = []
+        for name in names:
+            e: dict[str, complex] = dict(errors)
+            e[name] = e.get(name, 0.0) + 1j * _STEP
+            columns.append(np.hstack([v.imag for v in self.residual(q, e, exact)]) / _STEP)
+        return np.stack(columns, axis=2)
+
+
+def from_frame(t: Complex, exact: Complex) -> Complex:
+    """Position, and the rotation vector from exact frames to first order, shape (N, 6)."""
+    turn = np.linalg.inv(exact)[:, :3, :3] @ t[:, :3, :3]
+    w = np.stack([turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]], axis=1)
+    return np.hstack([t[:, :3, 3], w / 2])
+
+
+def across(u: Complex) -> Array:
+    """Two unit vectors across each direction, shape (N, 2, 3)."""
+    return np.linalg.svd(u.real[:, None, :])[2][:, 1:]
+
+
+# ------------------------------------------------------------------------------------------------------- the comparison
+
+
+@cache
+def _built(name: str) -> Model:
+    task = SCENARIOS[name](np.random.default_rng(0)).task
+    scales = {n: SIZE * p.scale for n, p in ((p.name, p) for p in task.parameters(ARM).items) if n in ARM.parameters}
+    return build_model(ARM, replace(task, scales=scales))
+
+
+def told(name: str, scenario: Scenario) -> Model:
+    """The model of a scenario with its first guesses."""
+    return replace(_built(name), setup=nominal_setup(ARM, scenario.task))
+
+
+def postures(rng: np.random.Generator) -> Array:
+    return rng.uniform(-2.2, 2.2, (POSES, ARM.dof))
+
+
+def sessions(model: Model, z: Array) -> Array:
+    """Readings of a scenario with sessions: every observation reads its half of the poses."""
+    if not any(o.session for o in model.task.observations):
+        return z
+    half = len(z) // 2
+    z = z.copy()
+    for part in model.measurement.parts:
+        z[half:, part.readings] = z[half:, part.readings] if part.observation.session else np.nan
+        if part.observation.session:
+            z[:half, part.readings] = np.nan
+    return z
+
+
+def ranks(name: str, seed: int = 0) -> tuple[int, int]:
+    """Numerical rank at the truth of noise-free rows in the same scales: ours, and the witness's."""
+    rng = np.random.default_rng(seed)
+    scenario = SCENARIOS[name](rng)
+    model = told(name, scenario)
+    q, p = postures(rng), model.parameters
+    errors = {n: float(rng.normal() * s) for n, s in zip(p.names, p.scales, strict=True) if n in ARM.parameters}
+    (ours,) = model.jacobian(q, p.vector(errors), scenario.setup.vector)
+    witness = Witness(scenario)
+    theirs = witness.jacobian(q, p.names, errors)
+    readings = sessions(model, np.zeros((len(q), model.measurement.parts[-1].readings.stop)))
+    rows = np.hstack([part.seen(readings) for part in model.measurement.parts])
+    units = model.measurement.per_unit({"mm": 1.0, "rad": 200.0, "px": 1.0})
+    out = []
+    for jacobian in (ours, theirs):
+        stacked = (jacobian * units[None, :, None])[rows] * p.scales
+        s = np.linalg.svd(stacked, compute_uv=False)
+        out.append(int(np.sum(s > 1e-9 * s[0])))
+    return out[0], out[1]
+
+
+def plane(found: Array, true: Array) -> tuple[float, float, float]:
+    """z, rx, ry that carry the found frame's xy plane into the true one, all that a gauge along z can tell of them."""
+    n = found[:3, :3].T @ true[:3, 2]
+    axis = np.cross([0.0, 0.0, 1.0], n)
+    turn = axis / np.linalg.norm(axis) * np.arctan2(np.linalg.norm(axis), n[2])
+    shift = found[:3, :3].T @ (true[:3, 3] - found[:3, 3])
+    return float(n @ shift / n[2]), float(turn[0]), float(turn[1])
+
+
+@dataclass(frozen=True)
+class Draw:
+    """Whitened errors on the seen subspace, shape (k,), and whether the fit converged."""
+
+    whitened: Array
+    converged: bool
+
+
+def draw(name: str, seed: int) -> Draw:
+    """An identification at stated noise, the truth of plausible size; whitened at the truth by the witness's rows."""
+    rng = np.random.default_rng(seed)
+    scenario = SCENARIOS[name](rng)
+    model = told(name, scenario)
+    p = model.parameters
+    errors = {n: float(rng.normal() * s) for n, s in zip(p.names, p.scales, strict=True) if n in ARM.parameters}
+    true = replace(model, setup=scenario.setup)
+    data = simulate(true, errors, postures(rng), Noise(by_instrument=scenario.noise), rng)
+    data = replace(data, z=sessions(model, data.z))
+    noise = {g.name: scenario.noise[g.observation][g.quantity] for g in model.measurement.groups}
+    found = calibrate(model, None, data, Options(sigma=noise, scales="stated")).after
+    truth = p.vector(errors) + stated(true, found.setup)
+    for o in model.task.observations:
+        if o.place_axes and "x" not in o.place_axes:
+            truth[p.indices([f"{o.place}_{axis}" for axis in ("z", "rx", "ry")])] = plane(
+                found.setup.places[o.place], scenario.setup.places[o.place]
+            )
+    witness = Witness(replace(scenario, setup=found.setup))  # the same truth, as the estimate's frames have it
+    rows = np.hstack([part.seen(data.z) for part in model.measurement.parts])
+    jacobian = witness.jacobian(data.q, p.names, p.mapping(truth))
+    sigma = model.measurement.per_component(noise)
+    w = (jacobian / sigma[None, :, None])[rows] * p.scales
+    _, s, vt = np.linalg.svd(w, full_matrices=False)
+    seen = vt[s > 1].T
+    prior = np.array([1.0 if n in ARM.parameters else 1e-3 for n in p.names])
+    root = np.linalg.inv(np.linalg.qr(np.vstack([w, np.diag(prior)]), mode="r"))
+    error = seen.T @ ((found.x - truth) / p.scales)
+    covariance = seen.T @ root @ root.T @ seen
+    return Draw(np.linalg.solve(np.linalg.cholesky(covariance), error), found.converged)
+
+
+@dataclass(frozen=True)
+class Law:
+    """Of many draws: mean squared whitened error (its expectation is one), its standard error, and a KS test."""
+
+    ratio: float
+    error: float
+    p_value: float
+    converged: bool
+    directions: int
+
+
+def law(name: str, draws: int) -> Law:
+    found = [draw(name, 1000 + seed) for seed in range(draws)]
+    pooled = np.concatenate([each.whitened for each in found])
+    squares = [float(each.whitened @ each.whitened) for each in found]
+    sizes = [len(each.whitened) for each in found]
+    uniform = stats.chi2.cdf(squares, sizes)
+    return Law(
+        float(np.mean(pooled**2)),
+        float(np.sqrt(2 / len(pooled))),
+        float(stats.kstest(uniform, "uniform").pvalue),
+        all(each.converged for each in found),
+        int(np.median(sizes)),
+    )
+
+
+def said(name: str, draws: int) -> str:
+    """The law of a scenario in a line."""
+    (ours, theirs), found = ranks(name), law(name, draws)
+    return (
+        f"{name:17s} rank {ours}, witness {theirs}; (error / Cramer-Rao)^2 {found.ratio:.3f} +- {found.error:.3f}; "
+        f"KS p {found.p_value:.3f}; {found.directions} directions; converged {found.converged}"
+    )
+
+
+if __name__ == "__main__":
+    for scenario_name in SCENARIOS:
+        sys.stdout.write(said(scenario_name, int(sys.argv[1]) if len(sys.argv) > 1 else 100) + "\n")
+        sys.stdout.flush()

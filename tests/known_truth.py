@@ -279,23 +279,26 @@ def sessions(model: Model, z: Array) -> Array:
     return z
 
 
-def ranks(name: str, seed: int = 0) -> tuple[int, int]:
-    """Numerical rank at the truth of noise-free rows in the same scales: ours, and the witness's."""
+def slopes(name: str, seed: int) -> tuple[Array, Array]:
+    """Jacobians at the truth by scaled parameters, shape (N, m, n), mm and 200 rad: ours, and the witness's."""
     rng = np.random.default_rng(seed)
     scenario = SCENARIOS[name](rng)
     model = told(name, scenario)
     q, p = postures(rng), model.parameters
     errors = {n: float(rng.normal() * s) for n, s in zip(p.names, p.scales, strict=True) if n in ARM.parameters}
     (ours,) = model.jacobian(q, p.vector(errors), scenario.setup.vector)
-    witness = Witness(scenario)
-    theirs = witness.jacobian(q, p.names, errors)
-    readings = sessions(model, np.zeros((len(q), model.measurement.parts[-1].readings.stop)))
+    weights = model.measurement.per_unit({"mm": 1.0, "rad": 200.0, "px": 1.0})[None, :, None] * p.scales
+    return ours * weights, Witness(scenario).jacobian(q, p.names, errors) * weights
+
+
+def ranks(name: str, seed: int = 0) -> tuple[int, int]:
+    """Numerical rank at the truth of noise-free rows in the same scales: ours, and the witness's."""
+    model = told(name, SCENARIOS[name](np.random.default_rng(seed)))
+    readings = sessions(model, np.zeros((POSES, model.measurement.parts[-1].readings.stop)))
     rows = np.hstack([part.seen(readings) for part in model.measurement.parts])
-    units = model.measurement.per_unit({"mm": 1.0, "rad": 200.0, "px": 1.0})
     out = []
-    for jacobian in (ours, theirs):
-        stacked = (jacobian * units[None, :, None])[rows] * p.scales
-        s = np.linalg.svd(stacked, compute_uv=False)
+    for jacobian in slopes(name, seed):
+        s = np.linalg.svd(jacobian[rows], compute_uv=False)
         out.append(int(np.sum(s > 1e-9 * s[0])))
     return out[0], out[1]
 

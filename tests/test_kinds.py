@@ -33,7 +33,7 @@ def asks_for_a_kind(node: ast.AST) -> bool:
     if isinstance(node, ast.Compare):
         sides = [node.left, *node.comparators]
         subject = " ".join(ast.unparse(side) for side in sides)
-        words = ("measurement.kind", "task.kind", "data.kind", "type")
+        words = ("instrument", ".kind", "type", "entry")
         return any(map(named, sides)) and any(word in subject for word in words)
     if isinstance(node, ast.Match):
         return any(named(case.pattern) for case in node.cases)
@@ -56,7 +56,12 @@ def test_nobody_outside_asks_for_a_kind_by_its_name() -> None:
 
 
 def test_the_look_finds_what_it_looks_for() -> None:
-    for text in ('x = task.kind == "pose"', 'KINDS["pixels"]', "from symcal.instruments.pose import Pose"):
+    for text in (
+        'x = task.kind == "pose"',
+        'x = o.instrument.name in ("wire", "distance")',
+        'KINDS["pixels"]',
+        "from symcal.instruments.pose import Pose",
+    ):
         assert any(map(asks_for_a_kind, ast.walk(ast.parse(text))))
     assert not any(map(asks_for_a_kind, ast.walk(ast.parse('sigmas["position"]'))))
 

@@ -11,7 +11,6 @@ from pydantic import AfterValidator, Field, create_model, model_validator
 from pydantic_core import PydanticCustomError
 
 from symcal.config.measurements import (
-    RESERVED,
     FileData,
     MeasurementConfig,
     Name,
@@ -187,11 +186,6 @@ class ExperimentFile(Strict):
             if self.measurement is not None and given:
                 message = "'{key}' goes with 'measurements'; with 'measurement' in short say it under 'estimate'"
                 raise PydanticCustomError("measurement", message, {"key": key})
-        for name in (*self.targets, *self.measurements):
-            if name in RESERVED:
-                raise PydanticCustomError("name", "'{name}' is a name of the robot's own", {"name": name})
-            if name in self.targets and name in self.measurements:
-                raise PydanticCustomError("name", "a target and an instrument are both called '{name}'", {"name": name})
         return self
 
 

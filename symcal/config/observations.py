@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from symcal.camera.files import read_camera, read_target
 from symcal.camera.target import Target as Marks
 from symcal.config.experiment import ExperimentFile
-from symcal.config.measurements import FileData, NearConfig, ObservationConfig, PlaceConfig
+from symcal.config.measurements import RESERVED, FileData, NearConfig, ObservationConfig, PlaceConfig
 from symcal.data.measurement_file import Layout
 from symcal.documents.document import Document, Key
 from symcal.errors import InputError
@@ -104,6 +104,13 @@ def _frame(given: Any, file: ExperimentFile, document: Document, key: Key) -> Ar
 
 def _at_length(file: ExperimentFile, document: Document) -> Task:
     observations: list[Observation] = []
+    for section, names in (("targets", file.targets), ("measurements", file.measurements)):
+        for name in names:
+            if name in RESERVED:
+                raise document.error(f"'{name}' is a name of the robot's own", (section, name), found=name)
+            if section == "measurements" and name in file.targets:
+                message = f"a target and an instrument are both called '{name}'"
+                raise document.error(message, (section, name), found=name)
     for name, entry in file.measurements.items():
         observations += _entry(name, entry, file, document)
     read = {entry.target for entry in file.measurements.values() if isinstance(entry.target, str)}

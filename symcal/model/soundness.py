@@ -114,7 +114,7 @@ def _world(observations: Sequence[Observation], base: bool) -> None:
         first, second = list(bare)[:2]
         message = (
             f"'{first}' and '{second}' are both on world without a place, and would stand at one spot: say where one "
-            "of them is, or 'place: unknown'"
+            f"of them is, or 'place: unknown', or 'at: {first}' if it is the same instrument in the same place"
         )
         raise InputError(message, key=f"measurements.{bare[second].name}.at", found=second)
 

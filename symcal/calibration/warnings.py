@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 from scipy.spatial import cKDTree
+from scipy.special import gammainccinv
 
 from symcal.calibration.evaluate import Errors
 from symcal.data.dataset import Dataset
@@ -243,7 +243,7 @@ def _outliers(model: Model, data: Dataset, after: Fit) -> list[str]:
     for group in model.measurement.groups:
         white = (r / spread)[:, list(group.columns)].reshape(len(data), -1, group.block)
         norms = np.linalg.norm(white, axis=2).max(axis=1)
-        limit = np.sqrt(stats.chi2.isf(_OUTLIER, group.block))
+        limit = np.sqrt(2 * gammainccinv(group.block / 2, _OUTLIER))
         worst = [data.labels[i] for i in np.argsort(-norms) if norms[i] > limit]
         of = int((norms > 0).sum())
         if len(worst) > of / 5 and norms.max() < _STANDS_OUT * np.median(norms[norms > 0]):
@@ -322,7 +322,9 @@ def extrapolation(data: Dataset) -> tuple[str, ...]:
     tree = cKDTree(train @ axes)
     own: Array = np.asarray(tree.query(train @ axes, k=2)[0], dtype=np.float64)[:, 1]
     others: Array = np.asarray(tree.query(test @ axes)[0], dtype=np.float64)
-    if stats.mannwhitneyu(others, own, alternative="greater").pvalue >= _UNLIKE:
+    from scipy.stats import mannwhitneyu  # a second of start-up that few need
+
+    if mannwhitneyu(others, own, alternative="greater").pvalue >= _UNLIKE:
         return ()
     return (
         f"the held-out poses combine the joints in other ways than the training poses (nearest training pose "

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import gammaincinv
 
 from symcal.fit.residual_rows import Rows
 from symcal.model.measurement import Group
@@ -71,7 +71,7 @@ def block_sigmas(
             size = unknown.sum(axis=2)
             norms = np.linalg.norm(np.where(unknown, _blocks(group, residual), 0.0), axis=2)[size > 0]
             count = int(unknown.sum())
-            expected = np.sqrt(stats.chi2.median(size[size > 0]) * max(count - taken[group.name], 1) / count)
+            expected = np.sqrt(2 * gammaincinv(size[size > 0] / 2, 0.5) * max(count - taken[group.name], 1) / count)
             out[group.name] = max(float(np.median(norms / expected)), group.floor)
     return out
 
@@ -83,7 +83,7 @@ def robust_weights(rows: Rows, residual: Array, known: Array, sigmas: Mapping[st
     weights = rows.seen.astype(float)
     for group in rows.measurement.groups:
         norms = np.linalg.norm(_blocks(group, white), axis=2)
-        t = norms / np.sqrt(stats.chi2.ppf(_HUBER_QUANTILE, group.block))
+        t = norms / np.sqrt(2 * gammaincinv(group.block / 2, _HUBER_QUANTILE))
         w = 1 / np.maximum(t, 1.0) if loss == "huber" else 1 / (1 + t**2)
         weights[:, list(group.columns)] *= np.repeat(w, group.block, axis=1)
     return weights

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import stdtrit
 
 from symcal.fit.variance_components import Block, Components
 
@@ -93,7 +93,7 @@ class Posterior:
         return np.clip(dof, _FEWEST_DOF, MOST_DOF)
 
     def _half(self, sigma: Array, dof: Array, confidence: float) -> Array:
-        return np.asarray(sigma * stats.t.ppf(0.5 + confidence / 2, dof))
+        return np.asarray(sigma * stdtrit(dof, 0.5 + confidence / 2))
 
 
 def predicted_rms(jacobian: Array, covariance: Array) -> Array:

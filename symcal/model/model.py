@@ -60,9 +60,8 @@ class Model:
     @property
     def placement(self) -> tuple[str, ...]:
         """Parameters of frames, points and instruments that are estimated."""
-        return tuple(
-            name for name in self.parameters.names if name not in self.robot.parameters and name not in self.task.fix
-        )
+        links = self.robot.parameters
+        return tuple(name for name in self.parameters.names if name not in links and name not in self.task.fix)
 
     @property
     def frames(self) -> tuple[str, ...]:

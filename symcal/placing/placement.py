@@ -130,7 +130,8 @@ def stated(model: Model, setup: Setup) -> Array:
 def _found(model: Model, found: Fit, free: tuple[str, ...]) -> Setup:
     """The setup of a placement, numbers of instruments included; those of a camera stay as they were calibrated."""
     errors = {name: value for name, value in model.parameters.mapping(found.x).items() if name in free}
-    own = {name: value + errors.get(name, 0.0) * (name in model.frames) for name, value in found.setup.own.items()}
+    frames = set(model.frames)
+    own = {name: value + errors.get(name, 0.0) * (name in frames) for name, value in found.setup.own.items()}
     return replace(found.setup.moved(errors, model.measurement.points_called), own=own)
 
 
@@ -221,7 +222,8 @@ def _only(model: Model, data: Dataset, o: Observation) -> Dataset:
 def _fit(state: State, data: Dataset, free: Iterable[str], options: Options) -> Fit:
     model = state.model
     rows = rows_of(model.measurement, data, state.setup, model.residuals)
-    names = tuple(name for name in free if name in model.frames)
+    frames = set(model.frames)
+    names = tuple(name for name in free if name in frames)
     return fit(rows, names, options, state.x, prior_mean=stated(model, state.setup))
 
 

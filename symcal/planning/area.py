@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from symcal.errors import InputError, RefusedError
 from symcal.robot.robot import Robot
@@ -56,6 +55,8 @@ class WorkingArea:
 
     def even(self, count: int) -> Array:
         """Deterministic, evenly spread poses (Halton's sequence), shape (count, dof)."""
+        from scipy.stats import qmc  # a second of start-up that only plans need
+
         return self.lower + self.span * qmc.Halton(self.dof, scramble=False).random(count)
 
     def clip(self, poses: Array) -> Array:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from symcal.calibration.claims import claim, extrapolation
 from symcal.calibration.evaluate import Errors
-from symcal.calibration.warnings import claim, extrapolation
 from symcal.data.dataset import Dataset, readings
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Fit
 from symcal.model.model import Model, State
+from symcal.model.task import Task
 from symcal.placing.placement import settled
 
 Array = NDArray[np.float64]
@@ -105,10 +106,18 @@ def evaluate(state: State, data: Dataset) -> Errors:
     Raises:
         RefusedError: none of them has read anything at these poses.
     """
-    each = evaluate_each(state, data)
-    found = [each[o.name] for o in state.model.task.judged_by if o.name in each]
+    return judging(state.model.task, evaluate_each(state, data))
+
+
+def judging(task: Task, each: Mapping[str, Errors]) -> Errors:
+    """The errors that judge, of those by observation; see `evaluate`.
+
+    Raises:
+        RefusedError: none of these observations has read anything.
+    """
+    found = [each[o.name] for o in task.judged_by if o.name in each]
     if not found:
-        names = ", ".join(o.name for o in state.model.task.judged_by)
+        names = ", ".join(o.name for o in task.judged_by)
         raise RefusedError(f"nothing was read at these poses by what judges ({names})")
     return found[0] if len(found) == 1 else pooled(found)
 

@@ -18,7 +18,7 @@ from symcal.errors import InputError, RefusedError
 from symcal.fit.estimation import Fit, Options, check_redundancy, fit
 from symcal.fit.noise import known_sigma, unknown_noise
 from symcal.fit.residual_rows import rows_of
-from symcal.model.measurement import Group, Setup
+from symcal.model.measurement import Setup
 from symcal.model.model import Model, State, build_model
 from symcal.model.observation import Observation
 from symcal.model.task import Task
@@ -91,15 +91,9 @@ def identify(
     if task is None:
         raise InputError("say what was measured: a task with the data, or observations with their data", key="task")
     model = build_model(robot, task)
-    sigma = {g.name: o.noise[g.quantity] for g, o in noisy(model) if g.quantity in o.noise}
     options = options or Options()
-    return calibrate(model, baseline_model(model), data, replace(options, sigma={**sigma, **options.sigma}))
-
-
-def noisy(model: Model) -> list[tuple[Group, Observation]]:
-    """Every noise group with the observation that it belongs to, the first of its sessions."""
-    first = {o.of: o for o in reversed(model.task.observations)}
-    return [(group, first[group.observation]) for group in model.measurement.groups]
+    sigma = {**model.measurement.stated_noise, **options.sigma}
+    return calibrate(model, baseline_model(model), data, replace(options, sigma=sigma))
 
 
 def _gathered(robot: Robot, observations: Sequence[Observation]) -> Dataset:

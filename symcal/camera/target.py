@@ -49,6 +49,11 @@ class Target:
         if self.marked is not None and self.marked not in self.names:
             raise InputError("no disc of this name", key="marked", found=self.marked, allowed=self.names)
 
+    @property
+    def by_name(self) -> dict[str, tuple[float, float, float]]:
+        """The discs' centres by name, mm."""
+        return {name: (float(x), float(y), float(z)) for name, (x, y, z) in zip(self.names, self.points, strict=True)}
+
     @staticmethod
     def triangle(side: float, disc_radius: float, marked: str | None = None, mount: Float | None = None) -> Target:
         """Three discs P1, P2, P3 at the corners of an equilateral triangle around the origin of the z = 0 plane; mm.

@@ -154,19 +154,18 @@ def _at(error: InputError, file: ExperimentFile, document: Document) -> InputErr
 
 
 def _unit_of(task: Task, robot: Robot) -> dict[str, str]:
-    return dict(zip(task.parameters(robot).names, task.parameters(robot).units, strict=True))
+    parameters = task.parameters(robot)
+    return dict(zip(parameters.names, parameters.units, strict=True))
 
 
 def options_of(file: ExperimentFile, measurement: Measurement) -> Options:
     """Solver, loss, tolerances, known noise of the measurement's groups, and whether the sizes hold as stated."""
     i = file.identification
-    noise = {o.of: o.noise for o in measurement.observations}
-    stated = [(g.name, noise[g.observation].get(g.quantity)) for g in measurement.groups]
     return Options(
         solver=i.solver,
         tolerances=Tolerances(**i.tolerances.model_dump()),
         loss=i.loss,
-        sigma={name: sigma for name, sigma in stated if sigma is not None},
+        sigma=measurement.stated_noise,
         scales=i.scale_factor,
     )
 

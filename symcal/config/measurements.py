@@ -198,6 +198,15 @@ class TargetConfig(PlaceConfig):
         return self
 
 
+class NoiseConfig(Strict):
+    """per: `axis` for a noise of every axis of the instrument's own frame."""
+
+    per: Literal["axis"] | None = None
+
+    def sizes(self) -> dict[str, float]:
+        return {name: value for name, value in self.model_dump(exclude={"per"}).items() if value is not None}
+
+
 class ObservationConfig(Strict):
     """An instrument that reads a target, with the keys of its kind beside these.
 
@@ -215,22 +224,14 @@ class ObservationConfig(Strict):
     ] = TargetConfig()
     reports: Literal["target", "instrument"] = "target"
     session: str = ""
+    noise: NoiseConfig = NoiseConfig()
     data: FileData | None = None
-
-
-class _Noise(Strict):
-    """per: `axis` for a noise of every axis of the instrument's own frame."""
-
-    per: Literal["axis"] | None = None
-
-    def sizes(self) -> dict[str, float]:
-        return {name: value for name, value in self.model_dump(exclude={"per"}).items() if value is not None}
 
 
 def _of_kind(kind: type[Instrument]) -> type[ObservationConfig]:
     """The keys of an observation by a kind of instrument."""
     sizes: dict[str, Any] = {q.noise: (Positive | None, None) for q in kind().quantities}
-    noise = create_model(f"{kind.name}_noise", __base__=_Noise, **sizes)
+    noise = create_model(f"{kind.name}_noise", __base__=NoiseConfig, **sizes)
     own: dict[str, Any] = {name: (field.annotation, field) for name, field in kind.Config.model_fields.items()}
     tag: dict[str, Any] = {"instrument": (Literal[kind.name], ...), "noise": (noise, noise())}
     return create_model(kind.name, __base__=ObservationConfig, __doc__=kind.Config.__doc__, **tag, **own)

@@ -14,7 +14,7 @@ from symcal.camera.files import read_camera, read_target
 from symcal.camera.target import Target as Marks
 from symcal.config.experiment import ExperimentFile
 from symcal.config.measurements import RESERVED, FileData, NearConfig, ObservationConfig, PlaceConfig
-from symcal.data.measurement_file import Layout
+from symcal.data.layout import Layout
 from symcal.documents.document import Document, Key
 from symcal.errors import InputError
 from symcal.instruments import KINDS, Edge, Instrument
@@ -126,10 +126,10 @@ def _entry(name: str, entry: ObservationConfig, file: ExperimentFile, document: 
     instrument = _instrument(name, entry, file, document)
     at, place_name, own = _instrument_place(name, entry, file, document)
     target = _target(name, entry, instrument, file, document)
-    noise = {q: value * _factor(file, instrument, q) for q, value in entry.noise.sizes().items()}  # type: ignore[attr-defined]
-    per_axis = entry.noise.per == "axis"  # type: ignore[attr-defined]
+    noise = {q: value * _factor(file, instrument, q) for q, value in entry.noise.sizes().items()}
+    per_axis = entry.noise.per == "axis"
     if per_axis:
-        instrument = by_axis(instrument, entry.reports)
+        instrument = instrument.by_axis(observed=entry.reports == "instrument")
     observation = Observation(
         instrument, name, at, target, entry.reports, entry.session, name, noise, per_axis, place_name
     )
@@ -189,14 +189,6 @@ def _instrument(name: str, entry: ObservationConfig, file: ExperimentFile, docum
         raise document.error(error.message, ("measurements", name), found=error.found) from None
 
 
-def by_axis(instrument: Instrument, reports: str) -> Instrument:
-    """The instrument with residuals in its own axes, where it tells axes apart."""
-    fields = getattr(instrument, "__dataclass_fields__", {})
-    if "axes" not in fields:
-        return instrument
-    return replace(instrument, axes="observed" if reports == "instrument" else "observer")  # type: ignore[type-var]
-
-
 def _instrument_place(
     name: str, entry: ObservationConfig, file: ExperimentFile, document: Document
 ) -> tuple[Place, str, PlaceConfig]:
@@ -240,7 +232,7 @@ def _target(
     marks: Marks | None = None
     if config.file is not None:
         marks = read_target(existing(document, config.file, (*key, "file"), "target file"))
-        points = {n: (float(x), float(y), float(z)) for n, (x, y, z) in zip(marks.names, marks.points, strict=True)}
+        points = {**marks.by_name}
     if instrument.reads == "points" and not points and not axes:
         points = {"P": (0.0, 0.0, 0.0)}  # the origin of the place itself
     if instrument.reads == "axes" and not axes and not points:

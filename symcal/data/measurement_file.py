@@ -9,7 +9,7 @@ One row per observation: `pose,q1_deg,...,point,x_mm,y_mm,z_mm` (position; or wi
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +18,11 @@ from scipy.spatial.transform import Rotation
 
 from symcal import spatial
 from symcal.data.dataset import Dataset, Readings
+from symcal.data.layout import Layout
 from symcal.data.notes import notes, unread
 from symcal.data.split import Split as Split
 from symcal.data.split import splits
-from symcal.documents.table import Table, joint_readings, read_table
+from symcal.documents.table import Table, joint_readings
 from symcal.errors import InputError
 from symcal.instruments import KINDS, Instrument, Quantity, kind_named
 from symcal.parameters import Unit
@@ -32,35 +33,6 @@ Array = NDArray[np.float64]
 
 _UNITS: dict[Unit, Mapping[str, float]] = {"mm": LENGTH, "rad": ANGLE, "px": PIXEL, "1": {}}
 _FRAME_ANGLES = ("roll", "pitch", "yaw")
-
-
-@dataclass(frozen=True, slots=True)
-class Layout:
-    """How a file is to be read.
-
-    columns: canonical name -> name in the file, or names of several columns whose cells make one. where: cells by
-    column of the rows that count.
-    """
-
-    columns: Mapping[str, str | Sequence[str]] = field(default_factory=dict)
-    where: Mapping[str, str] = field(default_factory=dict)
-    delimiter: str | None = None
-    decimal: str = "."
-
-    def table(self, path: Path | str) -> Table:
-        """The file's rows that count, with canonical names.
-
-        Raises:
-            InputError: as `symcal.documents.table.read_table` says, no such column or row, or no rows at all.
-        """
-        single = {canonical: name for canonical, name in self.columns.items() if isinstance(name, str)}
-        table = read_table(path, single, delimiter=self.delimiter, decimal=self.decimal).where(self.where)
-        if not len(table):
-            raise InputError("the file has a header but no rows", file=path)
-        for canonical, names in self.columns.items():
-            if not isinstance(names, str):
-                table = table.with_compound(canonical, names)
-        return table
 
 
 def load_measurements(

@@ -70,11 +70,7 @@ def compare_ways(calibration: Calibration, scene: Scene, data: Dataset, options:
     sigma = calibration.after.sigmas.get("image") or float(np.sqrt(np.nanmean(_sigma(train) ** 2)))
     solved = p3p_positions(train, scene.camera, scene.target, predicted, sigma)
     plain = replace(options, sigma={})
-    points: dict[str, Point | None] = {
-        name: (float(x), float(y), float(z))
-        for name, (x, y, z) in zip(scene.target.names, scene.target.points, strict=True)
-    }
-    by_points = _in_camera(model, setup, points)
+    by_points = _in_camera(model, setup, scene.target.by_name)
     by_centroid = _in_camera(model, setup, {CENTRE: (0.0, 0.0, 0.0)})
     ways = {"pixels": Way(calibration.states["after"], calibration.after, len(train))}
     for name, own, measured in (
@@ -91,7 +87,7 @@ def compare_ways(calibration: Calibration, scene: Scene, data: Dataset, options:
     return Ways(ways, solved)
 
 
-def _in_camera(model: Model, setup: Setup, points: dict[str, Point | None]) -> Model:
+def _in_camera(model: Model, setup: Setup, points: Mapping[str, Point]) -> Model:
     """The robot measured by positions in the camera's frame, its place there and the mount unknown."""
     fix = tuple(name for name in model.task.fix if name in model.robot.parameters)
     scales = {name: scale for name, scale in model.task.scales.items() if name in model.robot.parameters}

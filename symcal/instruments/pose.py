@@ -10,8 +10,8 @@ by axis needs both parts in one frame: the observer's (r_w = log(R R_z^T)) or th
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import ClassVar, Literal
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal, Self
 
 import casadi as ca
 import numpy as np
@@ -45,6 +45,9 @@ class Pose(Instrument):
         *((c, None) for c in ("qx", "qy", "qz", "qw")),
     )
     axes: Literal["reported", "observer", "observed"] = "reported"
+
+    def by_axis(self, *, observed: bool) -> Self:
+        return replace(self, axes="observed" if observed else "observer")
 
     def predict(self, rotation: SX, point: SX, own: SX) -> SX:
         return ca.vertcat(point, _quaternion(rotation))

@@ -140,6 +140,14 @@ class Instrument:
         """Those of its own numbers that are to be found, their names with this prefix, and what is known of them."""
         return (), ()
 
+    def by_axis(self, *, observed: bool) -> Self:
+        """The instrument with all components of its residual in its own axes, for a noise by axis.
+
+        Args:
+            observed: data hold its pose in the target's frame, not the target's in its own.
+        """
+        return self
+
     @property
     def componentwise(self) -> bool:
         """Whether each number of a reading makes one component of the residual, so that it may be missing alone."""

@@ -150,6 +150,12 @@ class Measurement:
         return tuple(part.observation for part in self.parts)
 
     @property
+    def stated_noise(self) -> dict[str, float]:
+        """What is stated of the noise, by group: mm, rad or px."""
+        stated = {o.of: o.noise for o in self.observations}
+        return {g.name: stated[g.observation][g.quantity] for g in self.groups if g.quantity in stated[g.observation]}
+
+    @property
     def residual(self) -> ca.Function:
         """Of the only observation."""
         (part,) = self.parts

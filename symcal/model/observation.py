@@ -163,5 +163,4 @@ class Observation:
 
     def with_marks(self, marks: Marks) -> Observation:
         """The same observation of another plate with discs."""
-        points = {n: (float(x), float(y), float(z)) for n, (x, y, z) in zip(marks.names, marks.points, strict=True)}
-        return replace(self, target=replace(self.target, points=points, marks=marks))
+        return replace(self, target=replace(self.target, points=marks.by_name, marks=marks))

@@ -17,7 +17,7 @@ from symcal.instruments.protocol import Instrument
 from symcal.model.observation import Observation, Place, Point, Target
 from symcal.model.parameter_set import parameter_set
 from symcal.model.soundness import insist_on_sense
-from symcal.parameters import JointPrior, Parameter, ParameterSet
+from symcal.parameters import FRAME_AXES, JointPrior, Parameter, ParameterSet
 from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -159,7 +159,7 @@ class Task:
             for name, axes in ((o.place, o.place_axes), (o.target.name, o.target_axes)):
                 if axes:
                     found = places.get(name, ())
-                    places[name] = tuple(a for a in _IN_ORDER if a in found or a in axes)
+                    places[name] = tuple(a for a in FRAME_AXES if a in found or a in axes)
             items, together = o.instrument.unknowns(o.prefix)
             own |= {item.name: item for item in items}
             priors |= {prior.names: prior for prior in together}
@@ -187,20 +187,13 @@ def pixels_task(
     priors: Mapping[str, float] | None = None,
 ) -> Task:
     """Identification from image points: by default mount, camera pose and, with their prior, intrinsics are unknown."""
-    unknown = frozenset(estimate)
-    marks = scene.target
-    points: dict[str, Point | None] = {
-        name: (float(x), float(y), float(z)) for name, (x, y, z) in zip(marks.names, marks.points, strict=True)
-    }
+    unknown, marks = frozenset(estimate), scene.target
     observation = Observation(
         seen_by(scene.camera, calibrate="intrinsics" in unknown),
         "pixels",
         at=Place("world", scene.T_world_camera, "camera" in unknown),
-        target=Target("tool", Place("tool"), points, marks=marks, unknown="points" in unknown),
+        target=Target("tool", Place("tool"), marks.by_name, marks=marks, unknown="points" in unknown),
         place_name=CAMERA,
         own_prefix="",
     )
     return Task((observation,), "base" in unknown, "tool" in unknown, fix, scales or {}, priors or {})
-
-
-_IN_ORDER = ("x", "y", "z", "rx", "ry", "rz")

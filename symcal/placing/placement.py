@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 _ROUGH = {"mm": 1.0, "rad": 1 / LEVER, "px": 1.0}
 """Noise with which places are found whose readings judge: only the ratio of units matters."""
 
+_MORE = 100.0  # mm of a tool, which belongs to the robot's length too
+
 
 @dataclass(frozen=True, slots=True)
 class Placed:
@@ -82,21 +84,11 @@ def settled(state: State, data: Dataset) -> State:
     names = tuple(name for name in state.unplaced if name in placed_by(state.model, data))
     if not names:
         return state
-    own = _touching(state.model, data, names)
+    own = _read_by(state.model, data, [o for o in state.model.task.observations if set(names) & set(o.names)])
     options = Options(sigma={group.name: _ROUGH[group.unit] for group in state.model.measurement.groups})
     start = _start(state, own, names, options)
     found = _fit(replace(state, setup=start.setup), own, names, options)
     return replace(state, setup=_found(state.model, found, names), unplaced=())
-
-
-def _touching(model: Model, data: Dataset, names: Iterable[str]) -> Dataset:
-    """The data of observations that tell something of these parameters."""
-    wanted = set(names)
-    z = data.z.copy()
-    for part in model.measurement.parts:
-        if not wanted & set(part.observation.names):
-            z[:, part.readings] = np.nan
-    return replace(data, z=z).take(np.flatnonzero(np.isfinite(z).any(axis=1)))
 
 
 def placed_by(model: Model, data: Dataset) -> tuple[str, ...]:
@@ -138,8 +130,7 @@ def _found(model: Model, found: Fit, free: tuple[str, ...]) -> Setup:
 def _start(state: State, data: Dataset, free: tuple[str, ...], options: Options) -> Placed:
     """Every observation that has something free placed roughly, with the robot of a state."""
     model, x = state.model, state.x
-    wanted = set(free)
-    observations = [o for o in model.task.observations if wanted & {*o.names, *_robot_frames(o)}]
+    observations = [o for o in model.task.observations if _told(o) & set(free)]
     givers = [o for o in observations if o.instrument.gives_point or o.instrument.camera is not None]
     setup, still_open, later = state.setup, _open(model, free), list(observations)
     while givers:
@@ -151,16 +142,16 @@ def _start(state: State, data: Dataset, free: tuple[str, ...], options: Options)
         if end is None or len(own) == 0:
             continue
         setup = _by_points(replace(state, setup=setup), end, own, data, options)
-        still_open -= {*chosen.names, *_robot_frames(chosen)}
+        still_open -= _told(chosen)
         later.remove(chosen)
     searches: dict[str, tuple[int, int]] = {}
     rng = np.random.default_rng(0)
     for o in later:
-        names = tuple(n for n in free if n in still_open and n in {*o.names, *_robot_frames(o)} and n in model.frames)
-        alone = data if len(data.of) == 1 else _only(model, data, o)
+        wanted = _told(o) & still_open & set(model.frames)
+        names, alone = tuple(name for name in free if name in wanted), _read_by(model, data, [o])
         if not names or len(alone) == 0:
             continue
-        found = search(model, alone, setup, x, names, _reach(model, data), rng)
+        found = search(model, alone, setup, x, names, model.robot.length(data.q) + _MORE, rng)
         setup = found.setup
         still_open -= set(names)
         searches[o.name] = (found.agreed, found.starts)
@@ -173,10 +164,11 @@ def _open(model: Model, free: tuple[str, ...]) -> frozenset[str]:
     return frozenset(name for name in free if name.rpartition("_")[0] not in held)
 
 
-def _robot_frames(o: Observation) -> tuple[str, ...]:
-    """Base and tool, as far as an observation tells them."""
+def _told(o: Observation) -> frozenset[str]:
+    """Parameters that an observation tells: its own, and base and tool as far as it stands on them."""
     on = {o.at.on, o.target.at.on}
-    return (*(frame_names("base") if "world" in on else ()), *(frame_names("tool") if "tool" in on else ()))
+    robot = (*(frame_names("base") if "world" in on else ()), *(frame_names("tool") if "tool" in on else ()))
+    return frozenset((*o.names, *robot))
 
 
 def _doubt(end: Ends | None) -> int:
@@ -204,18 +196,20 @@ def _by_points(state: State, end: Ends, own: Dataset, data: Dataset, options: Op
     size = max(min(guess.rms for guess in guesses) / np.sqrt(3), floor)
     sigma = {g.name: size / (LEVER if g.unit == "rad" else 1.0) for g in model.measurement.groups}
     plain = replace(options, loss="linear", sigma=sigma)
-    alone = data if len(data.of) == 1 else _only(model, data, end.observation)
-    own_names = {*end.observation.names, *_robot_frames(end.observation)} & end.open
-    names = tuple(name for name in model.placement if name in own_names)
+    alone, told = _read_by(model, data, [end.observation]), _told(end.observation) & end.open
+    names = tuple(name for name in model.placement if name in told)
     return min(setups, key=lambda s: _total(model, alone, _fit(replace(state, setup=s), alone, names, plain)))
 
 
-def _only(model: Model, data: Dataset, o: Observation) -> Dataset:
+def _read_by(model: Model, data: Dataset, wanted: Iterable[Observation]) -> Dataset:
     """The data as if nothing else had measured."""
-    z = np.full_like(data.z, np.nan)
+    names = {o.name for o in wanted}
+    if len(names) == len(data.of):
+        return data
+    z = data.z.copy()
     for part in model.measurement.parts:
-        if part.observation.name == o.name:
-            z[:, part.readings] = data.z[:, part.readings]
+        if part.observation.name not in names:
+            z[:, part.readings] = np.nan
     return replace(data, z=z).take(np.flatnonzero(np.isfinite(z).any(axis=1)))
 
 
@@ -231,10 +225,3 @@ def _total(model: Model, data: Dataset, candidate: Fit) -> float:
     """Squared residuals of a placement with poses seen as points, so that guesses are compared in one unit."""
     r, _ = rows_of(model.measurement, data, candidate.setup, model.residuals)(candidate.x)
     return float(np.sum((r * model.measurement.per_unit({"mm": 1.0, "rad": LEVER, "px": 1.0})) ** 2))
-
-
-def _reach(model: Model, data: Dataset) -> float:
-    """The nominal robot's length: links and strokes in these data, mm."""
-    lengths = [abs(v) for link in model.robot.links for kind, v in link.parameters.items() if kind in ("a", "d")]
-    strokes = [float(np.ptp(data.q[:, i])) for i, joint in enumerate(model.robot.joints) if not joint.revolute]
-    return float(sum(lengths) + sum(strokes)) + 100.0

@@ -128,14 +128,14 @@ def nominal_noise(file: ExperimentFile, model: Model) -> dict[str, float]:
         RefusedError: none of them is stated. What a plan can promise is a multiple of the noise, and what is
         identifiable depends on it.
     """
-    stated = {o.of: o.noise for o in model.task.observations}
+    stated = model.measurement.stated_noise
     simulated: dict[str, float] = {}
     if isinstance(file.data, SimulatedData):
         root = 3**-0.5 if file.data.noise.distribution == "uniform" else 1.0
         simulated = {name: size * root for name, size in file.data.noise.sizes.items()}
     out: dict[str, float] = {}
     for group in model.measurement.groups:
-        value = stated[group.observation].get(group.quantity)
+        value = stated.get(group.name)
         factor = file.units.factor(group.unit)
         value = value or _times(file.plan.noise.get(group.quantity), factor)
         value = value or _times(simulated.get(group.quantity), factor)

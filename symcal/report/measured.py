@@ -139,9 +139,8 @@ def noise_words(content: Content) -> str:
 def noise_of(content: Content, facts: Mapping[str, Any]) -> str:
     """The noise of one instrument: `0.05 mm (given)`."""
     groups = noise_groups(content["identification"])
-    owners = {_owner(group, noise) for group, noise in groups.items()}
-    whose = max((owner for owner in owners if _comes_from(facts, owner)), key=len, default="")
-    own = {group: noise for group, noise in groups.items() if _owner(group, noise) == whose}
+    entry = facts.get("entry", facts["name"])
+    own = {group: noise for group, noise in groups.items() if noise.get("instrument", entry) == entry}
     if not own:
         return "as given by reading"
     units = dict.fromkeys(noise["unit"] for noise in own.values())
@@ -150,17 +149,6 @@ def noise_of(content: Content, facts: Mapping[str, Any]) -> str:
         for unit in units
     )
     return f"{sizes} ({'estimated' if set(own) <= set(_estimated(content)) else 'given'})"
-
-
-def _owner(group: str, noise: Mapping[str, Any]) -> str:
-    """The instrument that a group is named after; empty where only one measured."""
-    first = group.split(" ")[0]
-    return "" if first == noise["quantity"] else first
-
-
-def _comes_from(facts: Mapping[str, Any], owner: str) -> bool:
-    """Sessions of an instrument are named after it."""
-    return bool(owner == facts["name"] or (facts["session"] and facts["name"].startswith(f"{owner}_")))
 
 
 def _estimated(content: Content) -> Iterable[str]:

@@ -152,6 +152,12 @@ class Robot:
         )
         return float(lengths + travel + np.linalg.norm(self.tool[:3, 3]))
 
+    def length(self, q: Array) -> float:
+        """Links, and strokes over joint readings (N, dof), mm."""
+        lengths = [abs(v) for link in self.links for kind, v in link.parameters.items() if kind in ("a", "d")]
+        strokes = [float(np.ptp(q[:, i])) for i, joint in enumerate(self.joints) if not joint.revolute]
+        return float(sum(lengths) + sum(strokes))
+
     def corrected(self, errors: Mapping[str, float]) -> Robot:
         """The robot with errors (mm, rad) added to its link parameters; names that it lacks are a KeyError."""
         known = self.parameters

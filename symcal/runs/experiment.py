@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from symcal.calibration import results
+from symcal.calibration.claims import claim, extrapolation, worse
 from symcal.calibration.compare import compare, cross_validate
 from symcal.calibration.compensation_check import POSES, Handover, hand_over
-from symcal.calibration.evaluate import Errors, evaluate_each, expected_position_rms
+from symcal.calibration.evaluate import Errors, evaluate_each, expected_position_rms, judging
 from symcal.calibration.identify import Calibration, baseline_model, calibrate
-from symcal.calibration.warnings import claim, extrapolation, worse
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, RenderedData, SimulatedData
 from symcal.data.dataset import Dataset
@@ -81,17 +81,17 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     progress("identifying")
     calibration = calibrate(experiment.model, baseline_model(experiment.model), measured, experiment.options)
     splits: list[str] = [split for split in ("train", "test") if split in measured.split]
-    errors: dict[str, Mapping[str, Errors]] = {}
-    notes: list[str] = []
-    for split in splits:
-        try:
-            errors[split] = compare(calibration, measured.part(split))
-        except RefusedError as error:
-            notes.append(f"the {split} poses do not judge: {error}")
     by_instrument = {
         split: {name: evaluate_each(state, measured.part(split)) for name, state in calibration.states.items()}
         for split in splits
     }
+    errors: dict[str, Mapping[str, Errors]] = {}
+    notes: list[str] = []
+    for split, states in by_instrument.items():
+        try:
+            errors[split] = {name: judging(experiment.model.task, each) for name, each in states.items()}
+        except RefusedError as error:
+            notes.append(f"the {split} poses do not judge: {error}")
     if exact is not None:
         errors["truth"] = compare(calibration, exact)
     count = experiment.file.validation.folds

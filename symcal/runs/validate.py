@@ -15,7 +15,8 @@ from symcal.calibration.evaluate import Errors, evaluate
 from symcal.calibration.identify import place
 from symcal.calibration.record import recorded_task
 from symcal.data.dataset import Dataset, merged
-from symcal.data.measurement_file import Layout, load_measurements
+from symcal.data.layout import Layout
+from symcal.data.measurement_file import load_measurements
 from symcal.documents.table import read_table
 from symcal.errors import InputError
 from symcal.fit.estimation import Options

@@ -130,17 +130,19 @@ def _calibrate(model: Model, baseline: Model | None, data: Dataset, options: Opt
         raise RefusedError("no pose is marked for training")
     free = placed_by(model, train)
     if model.task.scene is None:  # with a camera that nobody has placed yet the rows say nothing
-        start = rows_of(model.measurement, train, model.setup, model.residuals)
+        others = set(model.placement) - set(free)
+        start = rows_of(model.measurement, train, model.setup, model.residuals, others)
         estimated = unknown_noise(start, known_sigma(start, options.sigma))
         check_redundancy(start, (*model.kinematic, *free), bool(estimated))
     found = placed(model, train, options)
     setup = found.setup
-    rows = rows_of(model.measurement, train, setup, model.residuals)
+    unplaced = tuple(name for name in model.placement if name not in free)
+    rows = rows_of(model.measurement, train, setup, model.residuals, unplaced)
     at = stated(model, setup)
     nominal = np.zeros(len(model.parameters))
     offsets = fit(rows, (*model.offsets, *free), options, prior_mean=at, nested=(nominal,))
     after = fit(rows, (*model.kinematic, *free), options, prior_mean=at, nested=(nominal, offsets.x))
-    before = State(model, setup, nominal, tuple(name for name in model.placement if name not in free))
+    before = State(model, setup, nominal, unplaced)
     raw = None if free else before
     if baseline is not None:
         own = placed_by(baseline, train)

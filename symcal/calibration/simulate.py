@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from symcal.camera.camera import in_image
 from symcal.data.dataset import Dataset, Readings
+from symcal.errors import RefusedError
 from symcal.instruments.noise import Noise
 from symcal.kernels import batch_function
+from symcal.model.contact import constraints, projected, touched
 from symcal.model.measurement import Part
 from symcal.model.model import Model
 
@@ -23,16 +25,25 @@ def simulate(
     """What the instrument would give for a robot with known errors.
 
     Args:
-        truth: errors by parameter name, mm and rad. q: joint readings, shape (N, dof).
+        truth: errors by parameter name, mm and rad. q: joint readings, shape (N, dof); a constraint is touched by the
+            postures that nominally lie on it, see `symcal.model.contact`.
     Returns:
-        measurements with noise; NaN for a feature that the instrument cannot read there, such as a point out of the
-        camera's image.
+        measurements with noise, and the readings at which the true robot touches; NaN for a feature that the instrument
+        cannot read there, such as a point out of the camera's image.
+    Raises:
+        RefusedError: a true robot that cannot touch there.
     """
     x = model.parameters.vector(truth)
+    touching = touched(model, q)
+    q = _touching(model, x, q, touching, noise, rng)
+    contacts = {part.observation.name: touching[:, i] for i, part in enumerate(constraints(model))}
     (h,) = batch_function(model.measurement.predict, evaluations=len(q))(q, x, model.setup.vector)
     z = np.empty_like(h)
     for part in model.measurement.parts:
         o = part.observation
+        if part.contact is not None:
+            z[:, part.readings] = np.where(contacts[o.name], 0.0, np.nan)[:, None]
+            continue
         exact = h[:, part.readings].reshape(len(q), -1, len(o.instrument.columns))
         drawn = noise.of(o.of, [quantity.noise for quantity in o.instrument.quantities], rng)
         read = o.instrument.retract(exact, drawn)
@@ -47,6 +58,25 @@ def simulate(
         split=(split,) * len(q),
         provenance="simulated",
     )
+
+
+def _touching(
+    model: Model, x: Array, q: Array, touching: NDArray[np.bool_], noise: Noise, rng: np.random.Generator
+) -> Array:
+    """The postures at which the true robot touches: the ball is not quite at its place, and the joints give way."""
+    q = q.copy()
+    for i, part in enumerate(constraints(model)):
+        own, o = np.flatnonzero(touching[:, i]), part.observation
+        if not len(own):
+            continue
+        (quantity,) = o.instrument.quantities
+        shift = noise.of(o.of, [quantity.noise], rng)[quantity.noise]((len(own), quantity.size))
+        beyond = np.full(model.robot.dof, np.inf)
+        q[own], met = projected(model, part, q[own], x, -beyond, beyond, shift)
+        if not met.all():
+            message = f"{(~met).sum()} of {len(own)} postures are where the true robot cannot touch '{o.name}'"
+            raise RefusedError(f"{message}: smaller errors, or a place further from the end of its reach, would do")
+    return q
 
 
 def _can_be_read(model: Model, part: Part, x: Array, q: Array, read: Array) -> NDArray[np.bool_]:

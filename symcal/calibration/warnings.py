@@ -11,6 +11,7 @@ from symcal.errors import RefusedError
 from symcal.fit.estimation import Fit
 from symcal.fit.noise import known_sigma, spread_of
 from symcal.fit.residual_rows import rows_of
+from symcal.model.growth import growth, growth_slope, lengths
 from symcal.model.measurement import Part
 from symcal.model.model import Model, State
 from symcal.placing.registration import LEVER
@@ -26,6 +27,9 @@ _ADRIFT = 30.0  # scales: a sigma beyond is more than what any parameter of the 
 _NAMED = 5
 _NONSENSE = 0.1  # of the robot's length
 _NONSENSE_TURN = np.deg2rad(20.0)
+_FAR = 0.03  # of the robot's length: postures that touch one thing are rarely so far from it by nominal kinematics
+_GROWN = 5.0  # of its plausible size: a growth of all lengths beyond is no calibration
+_LEAST_GROWN = 0.01
 
 
 def plausibility(data: Dataset, before: State) -> tuple[str, ...]:
@@ -44,9 +48,11 @@ def _plausible(model: Model, data: Dataset, part: Part, r: Array) -> list[str]:
         float(np.sqrt(np.mean(np.sum(values**2, axis=1))))
         for values in (position, _about_centre(measured), _about_centre(measured + position))
     )
+    kind, who = part.observation.instrument, _who(model, part)
+    if kind.constrains:
+        return _missed(who, error, _size(model, data))
     small = reach > 1.0 and 0 < spread < reach / 30
     large = spread > 30 * max(reach, 1.0) or spread > 30 * max(_size(model, data), LEVER)  # a tool of any length fits
-    kind, who = part.observation.instrument, _who(model, part)
     if unit == "mm" and (small or large):
         raise RefusedError(
             f"{who}the measured {'points' if kind.gives_point else kind.label} spread over {spread:.3g} mm, the "
@@ -60,6 +66,17 @@ def _plausible(model: Model, data: Dataset, part: Part, r: Array) -> list[str]:
             "measured spread: check the order, units and signs of the joint columns, and the robot file"
         ]
     return []
+
+
+def _missed(who: str, error: float, size: float) -> list[str]:
+    """What is said where postures that touch one thing are far from it by nominal kinematics."""
+    if error < _FAR * size:
+        return []
+    return [
+        f"{who}by nominal kinematics the postures miss what they touch by {error:.4g} mm rms, {error / size:.0%} of the "
+        "robot's length: check the order, units and signs of the joint columns, which posture touched what, and the "
+        "robot file"
+    ]
 
 
 def _who(model: Model, part: Part) -> str:
@@ -111,6 +128,7 @@ def quality(model: Model, data: Dataset, after: Fit) -> tuple[str, ...]:
             "file is further off than stated, or the model lacks something and the parameters make up for it"
         )
     notes += _adrift(model, after)
+    notes += _unseen_length(model, after)
     errors = model.parameters.mapping(after.x)
     large = [
         name
@@ -130,6 +148,34 @@ def quality(model: Model, data: Dataset, after: Fit) -> tuple[str, ...]:
                 + ("small, or the model lacks something" if factor > 1 else "large")
             )
     return tuple(notes)
+
+
+def _unseen_length(model: Model, after: Fit) -> list[str]:
+    """That contacts and directions see no length.
+
+    Raises:
+        RefusedError: the fit has shrunk or stretched the arm.
+    """
+    measurement, parameters = model.measurement, model.parameters
+    if measurement.sees_length:
+        return []
+    grown = growth(parameters, after.x) - 1
+    free = parameters.indices([name for name in after.free if name in model.robot.parameters])
+    size = 1 / max(float(np.linalg.norm((lengths(parameters) / parameters.scales)[free])), 1e-12)
+    if abs(grown) > max(_GROWN * size, _LEAST_GROWN):
+        raise RefusedError(
+            f"the identification {'shrinks' if grown < 0 else 'stretches'} the arm by {abs(grown):.1%}: contacts see no "
+            "length, and a smaller arm misses everything by less; check which posture touched what and the robot file, "
+            "state the lengths better ('scales'), or add something that has a length: a known distance between two "
+            "sockets ('value'), known places, an instrument that reads lengths"
+        )
+    slope = growth_slope(parameters)[parameters.indices(after.free)]
+    sigma = float(np.sqrt(slope @ after.posterior.covariance @ slope))
+    known = "only known values between things tell" if measurement.known else "nothing that was measured tells"
+    return [
+        f"{known} how long the arm is: contacts are the same if all lengths grow by one share. That share is held by "
+        f"the plausible sizes of the lengths, to {sigma:.2%} (one standard deviation)"
+    ]
 
 
 def _adrift(model: Model, after: Fit) -> list[str]:
@@ -175,7 +221,10 @@ def _nonsense(model: Model, data: Dataset, part: Part, r: Array) -> list[str]:
         error = float(np.median(np.linalg.norm(position, axis=1)))
         spread = float(np.median(np.linalg.norm(_about_centre(measured), axis=1)))
         if error > spread / 4 and (unit != "mm" or error > _NONSENSE * _size(model, data)):
-            wrong.append(f"{error:.4g} {unit} (the measured points spread over {spread:.4g} {unit})")
+            of = f" (the measured points spread over {spread:.4g} {unit})" * (
+                not part.observation.instrument.constrains
+            )
+            wrong.append(f"{error:.4g} {unit}{of}")
     seen, first = part.seen(data.z), 0
     rows = r[:, part.components].reshape(len(data) * part.features, -1)
     seen = seen.reshape(len(rows), -1)

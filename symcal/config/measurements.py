@@ -5,11 +5,12 @@ Numbers here are still in the file's units; `symcal.config.observations` convert
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Annotated, Any, Literal, Union
 
 from pydantic import (
     AfterValidator,
+    BeforeValidator,
     Discriminator,
     Field,
     Tag,
@@ -210,9 +211,10 @@ class NoiseConfig(Strict):
 class ObservationConfig(Strict):
     """An instrument that reads a target, with the keys of its kind beside these.
 
-    at: where it stands, or the name of another entry of `measurements`, if it is the same instrument. target: its name
-    under `targets`, or what it is. reports: whose pose the data hold, where whole frames are read. session: poses of
-    other sessions are other postures, whatever they are called.
+    at: where it stands, or the name of another entry of `measurements`, if it is at the same place. target: its name
+    under `targets`, or what it is; or the name of another entry, whose place is then what is read. reports: whose pose the data hold, where whole frames are read. session: poses of
+    other sessions are other postures, whatever they are called. value: what would be read between two things that do
+    not move against each other, known: a number for each column.
     """
 
     instrument: str
@@ -226,14 +228,30 @@ class ObservationConfig(Strict):
     session: str = ""
     noise: NoiseConfig = NoiseConfig()
     data: FileData | None = None
+    value: float | list[float] | None = None
+
+    @model_validator(mode="after")
+    def _known(self) -> ObservationConfig:
+        if self.value is not None and self.data is not None:
+            raise PydanticCustomError("value", "a known 'value' has no 'data'")
+        return self
+
+
+def _named(quantity: str, noise: object) -> object:
+    """A noise that is one number, as that of the only quantity."""
+    return {quantity: noise} if isinstance(noise, int | float) and not isinstance(noise, bool) else noise
 
 
 def _of_kind(kind: type[Instrument]) -> type[ObservationConfig]:
     """The keys of an observation by a kind of instrument."""
     sizes: dict[str, Any] = {q.noise: (Positive | None, None) for q in kind().quantities}
-    noise = create_model(f"{kind.name}_noise", __base__=NoiseConfig, **sizes)
+    noise: Any = create_model(f"{kind.name}_noise", __base__=NoiseConfig, **sizes)
+    either = noise
+    if len(sizes) == 1:  # one number will do
+        named = BeforeValidator(partial(_named, next(iter(sizes))), json_schema_input_type=float | noise)
+        either = Annotated[noise, named]
+    tag: dict[str, Any] = {"instrument": (Literal[kind.name], ...), "noise": (either, noise())}
     own: dict[str, Any] = {name: (field.annotation, field) for name, field in kind.Config.model_fields.items()}
-    tag: dict[str, Any] = {"instrument": (Literal[kind.name], ...), "noise": (noise, noise())}
     return create_model(kind.name, __base__=ObservationConfig, __doc__=kind.Config.__doc__, **tag, **own)
 
 

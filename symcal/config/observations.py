@@ -112,12 +112,75 @@ def _at_length(file: ExperimentFile, document: Document) -> Task:
                 message = f"a target and an instrument are both called '{name}'"
                 raise document.error(message, (section, name), found=name)
     for name, entry in file.measurements.items():
-        observations += _entry(name, entry, file, document)
+        if entry.value is None:
+            observations += _entry(name, entry, file, document)
+    for name, entry in file.measurements.items():
+        if entry.value is not None:
+            observations += _values(name, entry, observations, file, document)
     read = {entry.target for entry in file.measurements.values() if isinstance(entry.target, str)}
     for name in file.targets:
         if name not in read:
             raise document.error("no instrument reads this target", ("targets", name), found=name)
     return Task(tuple(observations), file.base == "unknown", file.tool == "unknown")
+
+
+def _values(
+    name: str, entry: ObservationConfig, observations: Sequence[Observation], file: ExperimentFile, document: Document
+) -> list[Observation]:
+    """What is known between two things: one observation, or one for each session that both have."""
+    key: Key = ("measurements", name)
+    instrument = _instrument(name, entry, file, document)
+    noise = {q: value * _factor(file, instrument, q) for q, value in entry.noise.sizes().items()}
+    units = [unit for _, unit in instrument.columns]
+    given = entry.value if isinstance(entry.value, list) else [entry.value]
+    if len(given) != len(units):
+        columns = ", ".join(column for column, _ in instrument.columns)
+        raise document.error("a value is a number for each column", (*key, "value"), found=given, allowed=columns)
+    value = tuple(
+        float(v) * file.units.factor(unit or "px") for v, unit in zip(given, units, strict=True) if v is not None
+    )
+    ends = [_things(name, part, observations, file, document) for part in ("at", "target")]
+    per = [set(found) for found in ends if "" not in found]
+    sessions = [s for found in ends for s in found if all(s in each for each in per)] if per else [""]
+    if not sessions:
+        raise document.error("no session has both of these", key)
+    out = []
+    for session in dict.fromkeys(sessions):
+        label = f"{name}_{_plain(session)}" if session else name
+        (place_name, at), (target_name, on) = (found.get(session) or found[""] for found in ends)
+        points: dict[str, Point | None] = {"O": (0.0, 0.0, 0.0)}
+        target = Target(target_name, on, points if instrument.reads == "points" else {})
+        out.append(
+            Observation(
+                instrument,
+                label,
+                at,
+                target,
+                entry=name,
+                session=session,
+                noise=noise,
+                place_name=place_name,
+                value=value,
+            )
+        )
+    return out
+
+
+def _things(
+    name: str, part: str, observations: Sequence[Observation], file: ExperimentFile, document: Document
+) -> dict[str, tuple[str, Place]]:
+    """What a value is between, by session ("" where there are none): the place of an entry of `measurements`, or of one
+    session's, or a place of its own."""
+    key: Key = ("measurements", name, part)
+    config = getattr(file.measurements[name], part)
+    if not isinstance(config, str):
+        return {"": (f"{name}_{part}", _place(config, file, document, key))}
+    found = {o.session if o.name != o.of else "": (o.place, o.at) for o in observations if o.of == config}
+    found = found or {"": (o.place, o.at) for o in observations if o.name == config}
+    if not found:
+        message = "there is no entry of this name whose place this could be"
+        raise document.error(message, key, found=config, allowed=[o.name for o in observations])
+    return found
 
 
 def _entry(name: str, entry: ObservationConfig, file: ExperimentFile, document: Document) -> list[Observation]:
@@ -248,7 +311,7 @@ def sources(file: ExperimentFile) -> Mapping[str, FileData | None]:
     own = file.data if isinstance(file.data, FileData) else None
     if file.measurement is not None:
         return {file.measurement.type: own}
-    return {name: entry.data or own for name, entry in file.measurements.items()}
+    return {name: entry.data or own for name, entry in file.measurements.items() if entry.value is None}
 
 
 def reads_files(file: ExperimentFile) -> bool:

@@ -2,7 +2,7 @@
 
 One row per observation: `pose,q1_deg,...,point,x_mm,y_mm,z_mm` (position; or wide, `P1_x_mm,...`),
 `x_m,y_m,z_m,qx,qy,qz,qw` or `roll_deg,pitch_deg,yaw_deg` (pose), `pose,q1_deg,...,point,u_px,v_px` (pixels),
-`pose,q1_deg,...,distance_mm`; in general the columns of the kind of instrument. Optional `sigma_*`, `split` and
+`pose,q1_deg,...,distance_mm`; in general the columns of the kind of instrument, none of a constraint. Optional `sigma_*`, `split` and
 `session` columns.
 """
 
@@ -77,7 +77,7 @@ def load_measurements(
     poses: Sequence[object] = range(len(table))
     if reads.reads == "frame":
         data = _read_pose(table, q, reads)
-    elif measured:
+    elif measured or reads.constrains:
         data, poses = _read_long(table, q, reads, expected), _pose_keys(table, q)
     else:
         data = _read_wide(table, q, reads, expected)
@@ -90,7 +90,7 @@ def load_measurements(
 def _measured_stems(table: Table, kind: Instrument, expected: tuple[str, ...]) -> tuple[str, ...]:
     """Columns of the measurement that a joint may be called like; none in a wide file, where points have names."""
     stems = table.stems()
-    names = tuple(name for name, _ in kind.columns)
+    names = tuple(name for name, _ in kind.file_columns)
     if kind.reads == "frame":
         lengths = tuple(name for name, unit in kind.columns if unit is not None)
         return (*lengths, *(() if "qw" in stems or "qx" in stems else _FRAME_ANGLES))
@@ -142,6 +142,8 @@ def _labels(table: Table, rows: NDArray[np.intp]) -> tuple[str, ...]:
 
 def _values(table: Table, kind: Instrument) -> Array:
     """The numbers of every reading, shape (rows, columns); a component that was not measured is NaN where it may be."""
+    if kind.constrains:
+        return np.zeros((len(table), len(kind.columns)))
     empty = kind.componentwise
     values = np.column_stack(
         [

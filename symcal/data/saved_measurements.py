@@ -21,12 +21,12 @@ def save_measurements(data: Dataset, robot: Robot, path: Path | str) -> None:
     size, width = len(kind.columns), sum(quantity.size for quantity in kind.quantities)
     named = kind.reads != "frame"
     head += ["point"] if named else []
-    head += [name if unit is None else f"{name}_{unit}" for name, unit in kind.columns]
+    head += [name if unit is None else f"{name}_{unit}" for name, unit in kind.file_columns]
     for i in range(len(data)):
         for k, name in enumerate(data.only.features or ("",)):
             own, errors = slice(size * k, size * (k + 1)), slice(width * k, width * (k + 1))
             if np.isfinite(data.z[i, own]).any():
-                cells = [*data.z[i, own], *_sigma_cells(data, i, errors)]
+                cells = [*data.z[i, own][: len(kind.file_columns)], *_sigma_cells(data, i, errors)]
                 rows.append([data.labels[i], *q[i], *([name] if named else []), *cells, data.split[i]])
     if data.sigma is not None:
         head += [f"{name}_{quantity.unit}" for quantity in kind.quantities for name in quantity.sigma_columns]

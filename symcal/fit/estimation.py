@@ -238,9 +238,10 @@ class _Search:
         data = system.data_rows(x, model.spread(variances))
         before = system.before
         assumed = np.where(before.sized, variances.factor, 1.0) * before.assumed
-        white = np.zeros((len(data) + len(before.stated), len(parameters)))
+        known = np.vstack([before.stated, system.value_rows(x)[:, :-1] / system.scales])
+        white = np.zeros((len(data) + len(known), len(parameters)))
         white[: len(data), system.index] = data[:, :-1] / system.scales
-        white[len(data) :, system.index] = before.stated
+        white[len(data) :, system.index] = known
         by_group = self._by_group(x, variances, found)
         return Fit(
             x=x,
@@ -286,7 +287,7 @@ def check_redundancy(rows: Rows, free: tuple[str, ...], estimated: bool) -> None
     index = parameters.indices(free)
     _, jacobian = rows(np.zeros(len(parameters)))
     stacked = jacobian.reshape(rows.seen.size, -1)[rows.seen.ravel()][:, index] * parameters.scales[index]
-    stated = len(parameters.prior_rows(free))
+    stated = len(parameters.prior_rows(free)) + len(rows.values(np.zeros(len(parameters)))[0])
     equations, rank, count = stacked.shape[0] + stated, numerical_rank(stacked), len(rows.data)
     if not free or (equations > rank if estimated else equations >= rank > 0):
         return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +24,7 @@ class Rows:
 
     kernels: of every observation. poses: which poses it has read, shape (N_k,) each.
     mixing: whitening matrix of every pose, shape (N, m, m), applied to both; None where components stay as they are.
+    unplaced: parameters that nothing here tells; what is known of their things does not count.
     """
 
     measurement: Measurement
@@ -33,6 +35,19 @@ class Rows:
     z: Array
     seen: NDArray[np.bool_]
     mixing: Array | None = None
+    unplaced: frozenset[str] = frozenset()
+
+    def values(self, x: Array) -> tuple[Array, Array]:
+        """What is known between things, over its noise: r (k,) and J (k, n)."""
+        measurement, setup = self.measurement, self.setup.vector
+        r, jacobian = [np.zeros(0)], [np.zeros((0, len(measurement.parameters)))]
+        still = np.zeros(measurement.chain.robot.dof)
+        for value, observation in zip(measurement.values, measurement.known, strict=True):
+            if self.unplaced.isdisjoint(observation.names):
+                found = value(still, x, setup)
+                r.append(np.asarray(found[0]).ravel())
+                jacobian.append(np.asarray(found[1]))
+        return np.concatenate(r), np.vstack(jacobian)
 
     def __call__(self, x: Array) -> tuple[Array, Array]:
         r, jacobian = self._evaluated(x)
@@ -69,10 +84,15 @@ class Rows:
 
 
 def rows_of(
-    measurement: Measurement, data: Dataset, setup: Setup, kernels: tuple[BatchFunction, ...] | None = None
+    measurement: Measurement,
+    data: Dataset,
+    setup: Setup,
+    kernels: tuple[BatchFunction, ...] | None = None,
+    unplaced: Iterable[str] = (),
 ) -> Rows:
     """The residual rows of a dataset under a setup; kernels made before may be used again."""
     kernels = kernels or tuple(batch_function(part.residual) for part in measurement.parts)
     by_part = [part.seen(data.z) for part in measurement.parts]
     poses = tuple(np.flatnonzero(seen.any(axis=1)) for seen in by_part)
-    return Rows(measurement, data, setup, kernels, poses, np.nan_to_num(data.z), np.hstack(by_part))
+    z, seen = np.nan_to_num(data.z), np.hstack(by_part)
+    return Rows(measurement, data, setup, kernels, poses, z, seen, unplaced=frozenset(unplaced))

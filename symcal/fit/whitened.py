@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.fit.residual_rows import Rows
+from symcal.model.growth import lengths
+from symcal.model.measurement import Measurement
 from symcal.parameters import ParameterSet
 
 Array = NDArray[np.float64]
@@ -65,6 +67,8 @@ class Whitened:
     scales: Array
     before: Beforehand
     prior_mean: Array
+    growth: Array
+    across: Array
 
     def at(self, y: Array) -> Array:
         """x_ref + S y, shape of the whole vector."""
@@ -87,14 +91,24 @@ class Whitened:
         return np.vstack(parts)
 
     def prior_rows(self, x: Array) -> Array:
-        """Rows of stated priors, and of the wide ones of frames, shape (k, n + 1)."""
+        """Rows of stated priors and known values, of the wide ones of frames, and of the growth, shape (k, n + 1)."""
         prior = self.before.stated
         stated = np.column_stack([prior * self.scales, prior @ (x - self.prior_mean)[self.index]])
         wide = np.flatnonzero(self.before.nearly_free)
-        return np.vstack([stated, self._unit_rows(wide, x) / FREEDOM])
+        held = self.growth @ self._sizes(x)
+        return np.vstack([stated, self.value_rows(x), self._unit_rows(wide, x) / FREEDOM, held])
+
+    def value_rows(self, x: Array) -> Array:
+        """Rows of known values, shape (k, n + 1)."""
+        r, jacobian = self.rows.values(x)
+        return np.column_stack([jacobian[:, self.index] * self.scales, r])
 
     def size_rows(self, x: Array) -> Array:
-        """Rows of the plausible sizes as they are stated, shape (k, n + 1)."""
+        """Rows of the plausible sizes as they are stated, shape (k, n + 1); without that of the growth of all lengths
+        where nothing that is read sees it: no common factor may release it."""
+        return self.across @ self._sizes(x) if len(self.growth) else self._sizes(x)
+
+    def _sizes(self, x: Array) -> Array:
         return self._unit_rows(np.flatnonzero(self.before.sized), x)
 
     def _unit_rows(self, which: NDArray[np.intp], x: Array) -> Array:
@@ -119,12 +133,26 @@ def whitened(rows: Rows, free: tuple[str, ...], reference: Array, prior_mean: Ar
     """The system of the free parameters; the others stay at ``reference``."""
     parameters = rows.measurement.parameters
     index = parameters.indices(free)
+    before = beforehand(parameters, free)
+    growth, across = _growth(rows.measurement, index, before)
     return Whitened(
         rows=rows,
         free=free,
         reference=reference,
         index=index,
         scales=parameters.scales[index],
-        before=beforehand(parameters, free),
+        before=before,
         prior_mean=prior_mean,
+        growth=growth,
+        across=across,
     )
+
+
+def _growth(measurement: Measurement, index: NDArray[np.intp], before: Beforehand) -> tuple[Array, Array]:
+    """Direction of uniform growth among the sized parameters where no reading sees lengths, and those across it."""
+    parameters = measurement.parameters
+    grown = (lengths(parameters) / parameters.scales)[index][before.sized]
+    if measurement.sees_length or not grown.any():
+        return np.zeros((0, grown.size)), np.eye(grown.size)
+    _, _, rows = np.linalg.svd(grown[None])
+    return rows[:1], rows[1:]

@@ -30,6 +30,7 @@ class Direction(Instrument):
     quantities: ClassVar[tuple[Quantity, ...]] = (
         Quantity("direction", "rad", 2, 1e-12, sigmas("across_1", "across_2"), "sigma"),
     )
+    sees_length: ClassVar[bool] = False
     columns: ClassVar[tuple[Column, ...]] = (("ux", None), ("uy", None), ("uz", None))
     sees: ClassVar[tuple[str, ...]] = ("rx", "ry", "rz")
 

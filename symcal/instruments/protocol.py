@@ -83,6 +83,8 @@ class Instrument:
     error: name, unit and number of components of what is judged of a feature. error_words: said to people.
     sees: which increments of its own frame it can tell. own: names of its own numbers, such as a wire's offset.
     limits: what a feature must keep to be read, see `margins`.
+    constrains: it reads nothing: the feature must lie on it. Its reading is zero then, and files have no columns of it.
+    sees_length: whether its readings change when all lengths, its own place included, grow by the same share.
     is_camera, camera: whether it is one, and its optics.
     """
 
@@ -93,7 +95,8 @@ class Instrument:
     makes_world: ClassVar[bool] = False
     error_words: ClassVar[str]
     own: ClassVar[tuple[str, ...]] = ()
-    limits: ClassVar[tuple[Margin, ...]] = ()
+    constrains: ClassVar[bool] = False
+    sees_length: ClassVar[bool] = True
     is_camera: ClassVar[bool] = False
     camera: Camera | None = None
     Config: ClassVar[type[Keys]] = Keys
@@ -110,6 +113,15 @@ class Instrument:
     @property
     def columns(self) -> tuple[Column, ...]:
         raise NotImplementedError
+
+    @property
+    def file_columns(self) -> tuple[Column, ...]:
+        """The numbers of one reading that files hold."""
+        return () if self.constrains else self.columns
+
+    @property
+    def limits(self) -> tuple[Margin, ...]:
+        return ()
 
     @property
     def error(self) -> tuple[str, Unit, int]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from symcal.camera.camera import Camera
 from symcal.errors import InputError
 from symcal.instruments.component import Component as Component
+from symcal.instruments.constraint import FixedPoint as FixedPoint
+from symcal.instruments.constraint import Plane as Plane
 from symcal.instruments.direction import Direction as Direction
 from symcal.instruments.distance import Distance as Distance
 from symcal.instruments.pixels import Pixels as Pixels
@@ -13,7 +15,7 @@ from symcal.instruments.position import Position as Position
 from symcal.instruments.protocol import Instrument
 
 KINDS: dict[str, type[Instrument]] = {
-    kind.name: kind for kind in (Position, Pose, Pixels, Distance, Component, Direction)
+    kind.name: kind for kind in (Position, Pose, Pixels, Distance, Component, Direction, FixedPoint, Plane)
 }
 
 

@@ -91,6 +91,8 @@ class Part:
     readings, components: its columns in z and in the residual. errors: its place in the vector of errors.
     residual: (q, x, setup, z) -> r and J of its own z alone, shapes (m,) and (m, n).
     margins: (q, x, setup) -> by how much each feature can be read, shape (features * limits,); None without limits.
+    contact: (q, x, setup) -> c, by how much a posture misses a constraint, shape (m,), mm, and dc/dq, shape (m, dof);
+        None of what reads.
     """
 
     observation: Observation
@@ -100,6 +102,7 @@ class Part:
     attitudes: slice
     residual: ca.Function
     margins: ca.Function | None = None
+    contact: ca.Function | None = None
 
     @property
     def features(self) -> int:
@@ -125,6 +128,7 @@ class Measurement:
     points: (q, x, setup) -> the points of the robot that are measured, in world, shape (3 k,), mm, and their Jacobian,
         shape (3 k, n).
     points_called: what the points of the setup are called as parameters.
+    known: what is known between things; values: (q, x, setup) -> r and J of each, over its noise, whatever q is.
     """
 
     chain: Chain
@@ -135,6 +139,8 @@ class Measurement:
     jacobian: ca.Function
     accuracy: ca.Function
     points: ca.Function
+    known: tuple[Observation, ...] = ()
+    values: tuple[ca.Function, ...] = ()
 
     @property
     def parameters(self) -> ParameterSet:
@@ -160,6 +166,11 @@ class Measurement:
         """Of the only observation."""
         (part,) = self.parts
         return part.residual
+
+    @property
+    def sees_length(self) -> bool:
+        """Whether any reading of a posture changes when all lengths grow by the same share."""
+        return any(o.instrument.sees_length for o in self.observations)
 
     @property
     def adrift(self) -> bool:

@@ -106,7 +106,7 @@ def build_model(robot: Robot, task: Task) -> Model:
             raise InputError("no such parameter to fix", key="identification.fix", found=name, allowed=parameters.names)
     parameters = parameters.with_scales(task.scales).with_priors(task.priors)
     symbolic = chain(robot, parameters)
-    measurement = observe(symbolic, *task.observations)
+    measurement = observe(symbolic, *task.observations, values=task.values)
     return Model(
         task=task,
         robot=robot,
@@ -124,7 +124,7 @@ def nominal_setup(robot: Robot, task: Task) -> Setup:
     """Where things nominally are, or are guessed to be."""
     points = {
         o.target.qualified(name): xyz
-        for o in task.observations
+        for o in task.everything
         for name, xyz in zip(o.target.points, o.target.nominal, strict=True)
     }
     on_tool = [o.target for o in task.observations if o.target.at.on == "tool" and o.target.at.frame is None]
@@ -134,6 +134,6 @@ def nominal_setup(robot: Robot, task: Task) -> Setup:
         robot.base,
         tool,
         np.array(list(points.values())).reshape(-1, 3),
-        {name: place.nominal for name, place in places_of(task.observations).items()},
-        numbers_of(task.observations),
+        {name: place.nominal for name, place in places_of(task.everything).items()},
+        numbers_of(task.everything),
     )

@@ -93,7 +93,8 @@ class Observation:
     whatever they are called. noise: stated standard deviation by quantity, mm, rad or px. per_axis: the noise of every
     component by itself, in the instrument's axes.
     place_name, own_prefix: how its frame and its own numbers are called as parameters. data: what it has read, for
-    `symcal.identify`: a Dataset of it alone, or the path of a CSV file.
+    `symcal.identify`: a Dataset of it alone, or the path of a CSV file. value: what it would read between two things
+    that do not move against each other, where that is known instead; mm, rad.
     """
 
     instrument: Instrument
@@ -108,6 +109,7 @@ class Observation:
     place_name: str = ""
     own_prefix: str | None = None
     data: Any = None
+    value: tuple[float, ...] | None = None
 
     @property
     def of(self) -> str:
@@ -127,6 +129,12 @@ class Observation:
         """Names of the features that are read one by one; empty where it is the frame."""
         reads = self.instrument.reads
         return tuple(self.target.points) if reads == "points" else tuple(self.target.axes) if reads == "axes" else ()
+
+    @property
+    def things(self) -> tuple[str, ...]:
+        """Names of the places and targets that are to be found."""
+        ends = ((self.place, self.at.unknown), (self.target.name, self.target.at.unknown or self.target.unknown_points))
+        return tuple(name for name, unknown in ends if unknown)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -7,7 +7,8 @@ parameter of both,
 
 so the instrument alone says what is read, and how that changes with a twist of the feature; the Jacobian is the chain
 rule. A point's own coordinates move it by the columns of R_t. Where data hold the instrument's pose in the target's
-frame the two change roles.
+frame the two change roles. Residuals of constraints are taken per growth of the arm, r / g, see
+`symcal.instruments.constraint`.
 """
 
 from __future__ import annotations
@@ -21,19 +22,22 @@ import numpy as np
 from symcal import kinematics
 from symcal.errors import InputError
 from symcal.kinematics import Chain, Station
+from symcal.model.growth import growth_slope
 from symcal.model.measurement import Group, Measurement, Part
 from symcal.model.observation import Observation, Place, Target
 
 SX = ca.SX
 
 
-def observe(chain: Chain, *observations: Observation) -> Measurement:
+def observe(chain: Chain, *observations: Observation, values: tuple[Observation, ...] = ()) -> Measurement:
     """The measurement of observations: z holds one reading after another, by observation and feature.
 
+    Args:
+        values: what is known between things that do not move against each other.
     Raises:
         InputError: a place on a link that does not exist.
     """
-    scene = _Scene.of(chain, observations)
+    scene = _Scene.of(chain, (*observations, *values))
     state = {"q": chain.q, "x": chain.x, "setup": scene.setup}
     every = _Expressions()
     readings = components = errors = 0
@@ -43,7 +47,7 @@ def observe(chain: Chain, *observations: Observation) -> Measurement:
     for i, observation in enumerate(observations):
         kind, own = observation.instrument, _Expressions()
         for feature in scene.features(observation):
-            own.add(observation, feature)
+            own.add(observation, feature, scene.growth)
         size = sum(quantity.size for quantity in kind.quantities)
         count = max(len(observation.features), 1)
         width, m = len(kind.columns) * count, size * count
@@ -63,6 +67,7 @@ def observe(chain: Chain, *observations: Observation) -> Measurement:
                 slice(errors + judged, errors + judged + turned),
                 residual,
                 kinematics.function(f"{name}_margins", state, {"m": ca.vertcat(*own.margins)}) if kind.limits else None,
+                _contact(f"{name}_contact", state, ca.vertcat(*own.readings)) if kind.constrains else None,
             )
         )
         groups += _groups(observation, components, count, alone=len({o.of for o in observations}) == 1)
@@ -82,7 +87,26 @@ def observe(chain: Chain, *observations: Observation) -> Measurement:
         points=kinematics.function(
             "points", state, {"p": ca.vertcat(*(p for p, _ in where)), "J": ca.vertcat(*(j for _, j in where))}
         ),
+        known=values,
+        values=tuple(_value(scene, f"v{i}", observation, state) for i, observation in enumerate(values)),
     )
+
+
+def _contact(name: str, state: dict[str, SX], reading: SX) -> ca.Function:
+    """How far a posture is from a constraint, and how that changes with the joints."""
+    return kinematics.function(name, state, {"c": reading, "G": ca.jacobian(reading, state["q"])})
+
+
+def _value(scene: _Scene, name: str, observation: Observation, state: dict[str, SX]) -> ca.Function:
+    """(q, x, setup) -> residual of a known value over its noise, and its Jacobian; q is of no account."""
+    assert observation.value is not None
+    kind, rows = observation.instrument, _Expressions()
+    for feature in scene.features(observation):
+        rows.add(observation, feature, None)
+    sigma = np.concatenate([np.full(q.size, observation.noise[q.noise]) for q in kind.quantities])
+    z, given = ca.vertcat(*rows.z), ca.DM(observation.value)
+    weighted = {"r": ca.vertcat(*rows.residuals) / sigma, "J": ca.diag(1 / sigma) @ ca.vertcat(*rows.jacobians)}
+    return kinematics.function(name, state, {key: ca.substitute(each, z, given) for key, each in weighted.items()})
 
 
 def _groups(observation: Observation, start: int, features: int, *, alone: bool) -> Iterator[Group]:
@@ -141,21 +165,29 @@ class _Expressions:
     attitudes: list[SX] = field(default_factory=list)
     margins: list[SX] = field(default_factory=list)
 
-    def add(self, observation: Observation, feature: _Feature) -> None:
+    def add(self, observation: Observation, feature: _Feature, growth: tuple[SX, SX] | None) -> None:
+        """Args: growth: g and dg/dx, shape (1, n), that residuals of constraints are taken by."""
         kind, at = observation.instrument, (feature.rotation, feature.point)
         reading = SX.sym("z", len(kind.columns))
+        residual = kind.residual(*at, reading, feature.own)
+        by_growth = SX(residual.numel(), feature.twist.shape[1])
+        share = SX(1)
+        if kind.constrains and growth is not None:
+            share, slope = growth
+            residual = residual / share
+            by_growth = residual @ slope / share
         for measured, into in ((reading, self.jacobians), (None, self.planned)):
             by_twist, by_own = kind.slopes(*at, measured, feature.own)
             jacobian = by_twist @ feature.twist
             for i, column in feature.by_own.items():
                 jacobian[:, column] = by_own[:, i]
-            into.append(jacobian)
+            into.append(jacobian / share - (0 if measured is None else by_growth))
         riding = observation.riding and observation.reports == "target"
         shift, attitude = kind.miss(*at, reading, feature.own, riding=riding)
         self.margins.append(kind.margins(*at, feature.own))
         self.z.append(reading)
         self.readings.append(kind.predict(*at, feature.own))
-        self.residuals.append(kind.residual(*at, reading, feature.own))
+        self.residuals.append(residual)
         self.errors.append(feature.to_world @ shift if kind.judged_in_world else shift)
         self.attitudes.append(attitude)
 
@@ -188,6 +220,12 @@ class _Scene:
         own = {name: SX.sym("own") for name in numbers_of(observations)}
         setup = ca.vertcat(chain.frames, *points.values(), *frames.values(), *own.values())
         return _Scene(chain, setup, x, points, frames, own)
+
+    @property
+    def growth(self) -> tuple[SX, SX]:
+        """g(x) and its slope, shape (1, n)."""
+        slope = SX(ca.DM(growth_slope(self.chain.parameters))).T
+        return 1 + slope @ self.chain.x, slope
 
     def station(self, name: str, place: Place) -> Station:
         if place.on not in self.chain.stations:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from symcal.errors import InputError
 from symcal.kinematics import station_names
 from symcal.model.observation import Observation, Place
@@ -11,33 +13,79 @@ from symcal.parameters import frame_names
 from symcal.robot.robot import Robot
 
 
-def insist_on_sense(observations: Sequence[Observation], *, base: bool, tool: bool, robot: Robot) -> None:
+def insist_on_sense(
+    observations: Sequence[Observation], values: Sequence[Observation], *, base: bool, tool: bool, robot: Robot
+) -> None:
     """Refuse places that nothing could tell, whatever is measured.
 
     Args:
-        base, tool: whether the robot's own frames are unknown.
+        values: what is known between things. base, tool: whether the robot's own frames are unknown.
     Raises:
         InputError: with the entry under `measurements`, or the part of the robot, as its key.
     """
     if not observations:
         raise InputError("nothing is measured", key="measurements")
-    names = [o.name for o in observations]
+    names = [o.name for o in (*observations, *values)]
     for name in names:
         if names.count(name) > 1:
             raise InputError("two instruments have this name", key=f"measurements.{name}", found=name)
     for observation in observations:
         _one(observation, robot)
+    for value in values:
+        _known(value, observations, robot)
     _world(observations, base)
     _tool(observations, tool)
 
 
-def _one(o: Observation, robot: Robot) -> None:
-    """The two ends of one observation."""
+def _known(value: Observation, observations: Sequence[Observation], robot: Robot) -> None:
+    """What is known between two things: they do not move against each other, and something measures them."""
+    key = f"measurements.{value.of}"
+    _ends(value, robot)
+    kind, given = value.instrument, np.asarray(value.value, dtype=float)
+    if kind.constrains:
+        message = "a contact has no value: say where its place is"
+        raise InputError(message, key=f"{key}.value", found=kind.name)
+    if given.shape != (len(kind.columns) * max(len(value.features), 1),) or not np.isfinite(given).all():
+        columns = ", ".join(name for name, _ in kind.columns)
+        raise InputError("a value is what would be read, each a number", key=f"{key}.value", allowed=columns)
+    if _joint_between(value, robot):
+        message = "joints move these two against each other: a value is for things that stand still to one another"
+        raise InputError(message, key=f"{key}.value")
+    for quantity in kind.quantities:
+        if quantity.noise not in value.noise:
+            message = "say how well the value is known"
+            raise InputError(message, key=f"{key}.noise", allowed=[q.noise for q in kind.quantities])
+    known = {name for o in observations for name in o.things}
+    for thing in value.things:
+        if thing not in known:
+            message = "nothing else is measured of this thing, so nothing is known by this value"
+            raise InputError(message, key=key, found=thing, allowed=sorted(known))
+
+
+def _joint_between(o: Observation, robot: Robot) -> bool:
+    """Whether joints move the two ends against each other."""
+    if not o.at.moves and not o.target.at.moves:
+        return False
+    return not o.at.moves or _body(o.at, robot) != _body(o.target.at, robot)
+
+
+def _ends(o: Observation, robot: Robot) -> None:
+    """Both ends are on this robot or off it, and noise is of what is read."""
     key = f"measurements.{o.name}"
     for place, what in ((o.at, "at"), (o.target.at, "target")):
         if place.on not in station_names(robot):
             message = "there is no such place on this robot"
             raise InputError(message, key=f"{key}.{what}.on", found=place.on, allowed=station_names(robot))
+    quantities = [q.noise for q in o.instrument.quantities]
+    for quantity in o.noise:
+        if quantity not in quantities:
+            raise InputError("nothing of this is read", key=f"{key}.noise", found=quantity, allowed=quantities)
+
+
+def _one(o: Observation, robot: Robot) -> None:
+    """The two ends of one observation."""
+    key = f"measurements.{o.name}"
+    _ends(o, robot)
     here = o.at.frame is None and not o.at.unknown
     if o.at.on == "world" and here and not o.instrument.makes_world:
         message = (
@@ -45,13 +93,16 @@ def _one(o: Observation, robot: Robot) -> None:
             "place: {xyz: [..]}}', or 'place: unknown'"
         )
         raise InputError(message, key=f"{key}.at")
-    quantities = [q.noise for q in o.instrument.quantities]
-    for quantity in o.noise:
-        if quantity not in quantities:
-            raise InputError("nothing of this is read", key=f"{key}.noise", found=quantity, allowed=quantities)
-    if o.at.moves and _body(o.at, robot) == _body(o.target.at, robot):
-        message = f"instrument and target are both on {o.at.on}: the joints cancel and the readings say nothing of them"
+    if not _joint_between(o, robot):
+        where = f"both on {o.at.on}" if o.at.moves else "both off the robot"
+        message = (
+            f"instrument and target are {where}: the joints cancel and the readings say nothing of them; what is known "
+            "between the two is a 'value'"
+        )
         raise InputError(message, key=f"{key}.at.on", found=o.at.on)
+    if o.instrument.constrains and len(o.target.points) > 1:
+        message = "one point of the robot touches: give each point an entry of its own"
+        raise InputError(message, key=f"{key}.target.points", found=", ".join(o.target.points))
     if o.instrument.reads == "points" and not o.target.points:
         message = f"{o.instrument.label} are read of points, and the target has none"
         raise InputError(message, key=f"{key}.target.points")

@@ -42,7 +42,8 @@ class Scene:
 class Task:
     """What is measured on a robot and what is to be estimated.
 
-    base, tool: whether the robot's own frames are unknown. fix: parameters to hold at nominal. scales, priors: by
+    observations: what reads postures, and `values`: what is known between things that do not move against each other
+    (`Observation.value`), wherever they stand in what is given. base, tool: whether the robot's own frames are unknown. fix: parameters to hold at nominal. scales, priors: by
     parameter name, mm or rad.
     """
 
@@ -52,14 +53,17 @@ class Task:
     fix: tuple[str, ...] = ()
     scales: Mapping[str, float] = field(default_factory=dict)
     priors: Mapping[str, float] = field(default_factory=dict)
+    values: tuple[Observation, ...] = ()
 
     def __post_init__(self) -> None:
-        kinds = [o.instrument.name for o in self.observations]
+        given = (*self.observations, *self.values)
+        kinds = [o.instrument.name for o in given]
         named = []
-        for i, o in enumerate(self.observations):
+        for i, o in enumerate(given):
             own = kinds[i] if kinds.count(kinds[i]) == 1 else f"{kinds[i]}_{kinds[: i + 1].count(kinds[i])}"
             named.append(o if o.name else replace(o, name=own))
-        object.__setattr__(self, "observations", tuple(named))
+        object.__setattr__(self, "observations", tuple(o for o in named if o.value is None))
+        object.__setattr__(self, "values", tuple(o for o in named if o.value is not None))
 
     @classmethod
     def of(
@@ -116,6 +120,11 @@ class Task:
         return cls((observation,), "base" in unknown, "tool" in unknown, fix, scales or {}, priors or {})
 
     @property
+    def everything(self) -> tuple[Observation, ...]:
+        """What reads postures, then what is known."""
+        return (*self.observations, *self.values)
+
+    @property
     def judged_by(self) -> tuple[Observation, ...]:
         """The observations whose errors judge: those that give points, else all that read the same as the first."""
         givers = tuple(o for o in self.observations if o.instrument.gives_point)
@@ -151,11 +160,11 @@ class Task:
         Raises:
             InputError: what cannot be estimated together, or does not make sense together.
         """
-        insist_on_sense(self.observations, base=self.base, tool=self.tool, robot=robot)
+        insist_on_sense(self.observations, self.values, base=self.base, tool=self.tool, robot=robot)
         places: dict[str, tuple[str, ...]] = {}
         own: dict[str, Parameter] = {}
         priors: dict[tuple[str, ...], JointPrior] = {}
-        for o in self.observations:
+        for o in self.everything:
             for name, axes in ((o.place, o.place_axes), (o.target.name, o.target_axes)):
                 if axes:
                     found = places.get(name, ())
@@ -167,15 +176,17 @@ class Task:
             robot,
             base=self.base,
             tool=self.tool_axes,
-            points=dict.fromkeys(o.target.qualified(p) for o in self.observations for p in o.target.unknown_points),
+            points=dict.fromkeys(o.target.qualified(p) for o in self.everything for p in o.target.unknown_points),
             places=places,
             own=own.values(),
             priors=priors.values(),
         )
 
     def observed(self, observations: Iterable[Observation]) -> Task:
-        """The same task with other observations."""
-        return replace(self, observations=tuple(observations))
+        """The same task with other observations, and what is known of the things in them."""
+        kept = tuple(observations)
+        things = {name for o in kept for name in o.things}
+        return replace(self, observations=kept, values=tuple(v for v in self.values if things.issuperset(v.things)))
 
 
 def pixels_task(

@@ -87,7 +87,7 @@ def settled(state: State, data: Dataset) -> State:
     own = _read_by(state.model, data, [o for o in state.model.task.observations if set(names) & set(o.names)])
     options = Options(sigma={group.name: _ROUGH[group.unit] for group in state.model.measurement.groups})
     start = _start(state, own, names, options)
-    found = _fit(replace(state, setup=start.setup), own, names, options)
+    found = _fit(replace(state, setup=start.setup), own, names, options, alone=True)
     return replace(state, setup=_found(state.model, found, names), unplaced=())
 
 
@@ -213,11 +213,15 @@ def _read_by(model: Model, data: Dataset, wanted: Iterable[Observation]) -> Data
     return replace(data, z=z).take(np.flatnonzero(np.isfinite(z).any(axis=1)))
 
 
-def _fit(state: State, data: Dataset, free: Iterable[str], options: Options) -> Fit:
+def _fit(state: State, data: Dataset, free: Iterable[str], options: Options, *, alone: bool = False) -> Fit:
+    """Args: alone: by the readings alone, whatever else is known."""
     model = state.model
-    rows = rows_of(model.measurement, data, state.setup, model.residuals)
     frames = set(model.frames)
     names = tuple(name for name in free if name in frames)
+    others = set(model.placement) - (
+        set() if alone else set(names)
+    )  # what is known of things counts once all of them are placed
+    rows = rows_of(model.measurement, data, state.setup, model.residuals, others)
     return fit(rows, names, options, state.x, prior_mean=stated(model, state.setup))
 
 

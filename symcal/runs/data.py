@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symcal.calibration.compensation_check import true_robot
 from symcal.calibration.simulate import concatenate, simulate
@@ -16,10 +17,13 @@ from symcal.data.measurement_file import load_measurements
 from symcal.documents.document import Document, Key
 from symcal.errors import InputError
 from symcal.instruments.noise import Noise
+from symcal.model.contact import constraints, contact_postures
 from symcal.model.model import Model
 from symcal.model.observation import Observation
 from symcal.planning.drive_plan import Planned
 from symcal.robot.robot import Robot
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,12 +136,21 @@ def _simulated(
     units = dict(zip(model.parameters.names, model.parameters.units, strict=True))
     truth = config.truth_of(source, file, document, dict(units), rng)
     noise = config.noise_of(file, source, model.task.observations)
-    random = rng.uniform(lower, upper, (file.plan.poses, len(lower)))
+    random = _postures(model, file.plan.poses, lower, upper, rng)
     train = simulate(model, truth, random if planned is None else planned.plan.poses, noise, rng)
     robot = true_robot(model, truth)
     if not source.test_poses:
         return MeasuredData(train, truth=robot)
-    q = rng.uniform(lower, upper, (source.test_poses, len(lower)))
+    q = _postures(model, source.test_poses, lower, upper, rng)
     test = simulate(model, truth, q, noise, rng, "test")
     exact = simulate(model, truth, q, Noise(), rng, "test")
     return MeasuredData(concatenate(train, test), truth=robot, exact=exact)
+
+
+def _postures(model: Model, count: int, lower: Array, upper: Array, rng: np.random.Generator) -> Array:
+    """Random postures of the working area; of those that must touch something, such as do."""
+
+    def draw(number: int) -> Array:
+        return rng.uniform(lower, upper, (number, len(lower)))
+
+    return contact_postures(model, count, draw, (lower, upper)) if constraints(model) else draw(count)

@@ -23,6 +23,7 @@ from symcal.calibration.simulate import simulate
 from symcal.fit.estimation import Options
 from symcal.instruments import Instrument, kind_named
 from symcal.instruments.noise import Noise
+from symcal.model.contact import constraints, contact_postures
 from symcal.model.measurement import Setup
 from symcal.model.model import Model, build_model, nominal_setup
 from symcal.model.observation import Observation, Place, Target
@@ -131,9 +132,74 @@ def directions_only(rng: np.random.Generator) -> Scenario:
     return Scenario(Task((seen,), base=True, tool=True), setup, {"directions": {"direction": 1e-4}})
 
 
+def one_pin(rng: np.random.Generator) -> Scenario:
+    target = Target("ball", Place("flange"), {"P": None})
+    pin = Observation(kind("fixed_point"), "pin", at=unknown("base"), target=target)
+    setup = Setup(np.eye(4), np.eye(4), rng.uniform(30, 90, (1, 3)), {"pin": within_reach(rng)})
+    return Scenario(Task((pin,)), setup, {"pin": {"position": 0.05}})
+
+
+def two_sockets(rng: np.random.Generator) -> Scenario:
+    """The known distance is itself a measurement: the true one is off by its noise."""
+    target = Target("ball", Place("flange"), {"P": None})
+    pins = [Observation(kind("fixed_point"), name, at=unknown("base"), target=target) for name in ("left", "right")]
+    on_right = Target("right", unknown("base"), {"O": (0.0, 0.0, 0.0)})
+    gap = Observation(
+        kind("distance"),
+        "gap",
+        at=unknown("base"),
+        target=on_right,
+        noise={"distance": 0.1},
+        place_name="left",
+        value=(150.0,),
+    )
+    left = within_reach(rng)
+    way = rng.normal(size=3)
+    right = transform(np.eye(3), left[:3, 3] + (150 + 0.1 * rng.normal()) * way / np.linalg.norm(way))
+    setup = Setup(
+        np.eye(4),
+        np.eye(4),
+        np.vstack([rng.uniform(30, 90, (1, 3)), np.zeros((1, 3))]),
+        {"left": left, "right": right},
+        {"gap_offset": 0.0},
+    )
+    return Scenario(Task((*pins, gap)), setup, {o.name: {"position": 0.05} for o in pins})
+
+
+def three_planes(rng: np.random.Generator) -> Scenario:
+    target = Target("ball", Place("flange"), {"P": (20.0, -10.0, 60.0)})
+    turns = [np.eye(3), *(Rotation.from_euler(axis, 60, degrees=True).as_matrix() for axis in "xy")]
+    planes, places = [], {}
+    for name, turn in zip(("floor", "wall", "slope"), turns, strict=True):
+        places[name] = transform(
+            turn @ Rotation.from_rotvec(0.2 * rng.normal(size=3)).as_matrix(), within_reach(rng)[:3, 3]
+        )
+        at = unknown("base", near(places[name], rng, 5.0, 0.02))
+        planes.append(Observation(kind("plane", radius=5.0), name, at=at, target=target))
+    setup = Setup(np.eye(4), np.eye(4), np.array([[20.0, -10.0, 60.0]]), places)
+    return Scenario(Task(tuple(planes)), setup, {name: {"height": 0.03} for name in places})
+
+
+def within_reach(rng: np.random.Generator) -> Array:
+    """A place in front of the arm."""
+    shift = rng.uniform(-100, 100, 3)
+    return transform(np.eye(3), np.array([450.0, 0.0, 250.0]) + shift)
+
+
 SCENARIOS: dict[str, Callable[[np.random.Generator], Scenario]] = {
     f.__name__: f
-    for f in (three_wires, two_dial_gauges, tracker_and_wire, two_trackers, two_sessions, eye_in_hand, directions_only)
+    for f in (
+        three_wires,
+        two_dial_gauges,
+        tracker_and_wire,
+        two_trackers,
+        two_sessions,
+        eye_in_hand,
+        directions_only,
+        one_pin,
+        two_sockets,
+        three_planes,
+    )
 }
 
 
@@ -222,7 +288,30 @@ class Witness:
         if o.instrument.name == "distance":
             offset = self.scenario.setup.own[f"{o.name}_offset"] + e.get(f"{o.name}_offset", 0.0)
             return np.sqrt(np.sum(p * p, axis=1, keepdims=True)) + offset
+        if o.instrument.name == "plane":
+            return (p[:, 2:] - o.instrument.radius) / self.growth(e)
+        if o.instrument.name == "fixed_point":
+            return p / self.growth(e)
         return p[:, 2:] if o.instrument.name == "component" else p
+
+    def growth(self, e: Mapping[str, complex]) -> complex:
+        """By which all lengths have grown, least squares over a and d; where a contact is exact it is but a factor, and
+        its derivative is of no account."""
+        nominal = [(f"{k}_{i}", link.parameters.get(k, 0.0)) for i, link in enumerate(ARM.links, 1) for k in "ad"]
+        return 1 + sum(v * complex(e.get(n, 0.0)).real for n, v in nominal) / sum(v * v for _, v in nominal)
+
+    def values(self, names: tuple[str, ...], errors: Mapping[str, float]) -> Array:
+        """Slopes of known distances over their noise, by complex steps, shape (k, n)."""
+        rows = []
+        for o in self.scenario.task.values:
+            row = []
+            for name in names:
+                e: dict[str, complex] = dict(errors)
+                e[name] = e.get(name, 0.0) + 1j * _STEP
+                ends = [self.moved(self.scenario.setup.places[n], n, e)[:3, 3] for n in (o.place, o.target.name)]
+                row.append(np.sqrt(np.sum((ends[1] - ends[0]) ** 2)).imag / _STEP)
+            rows.append(np.array(row) / o.noise["distance"])
+        return np.array(rows).reshape(-1, len(names))
 
     def jacobian(self, q: Array, names: tuple[str, ...], errors: Mapping[str, float]) -> Array:
         """By complex steps, shape (N, m, n)."""
@@ -264,6 +353,14 @@ def told(name: str, scenario: Scenario) -> Model:
 
 def postures(rng: np.random.Generator) -> Array:
     return rng.uniform(-2.2, 2.2, (POSES, ARM.dof))
+
+
+def measured(model: Model, rng: np.random.Generator) -> Array:
+    """Postures; such as touch where something must be touched."""
+    if not constraints(model.measurement):
+        return postures(rng)
+    limit = np.full(ARM.dof, 2.8)
+    return contact_postures(model, POSES, lambda n: rng.uniform(-2.2, 2.2, (n, ARM.dof)), (-limit, limit))
 
 
 def sessions(model: Model, z: Array) -> Array:
@@ -328,7 +425,7 @@ def draw(name: str, seed: int) -> Draw:
     p = model.parameters
     errors = {n: float(rng.normal() * s) for n, s in zip(p.names, p.scales, strict=True) if n in ARM.parameters}
     true = replace(model, setup=scenario.setup)
-    data = simulate(true, errors, postures(rng), Noise(by_instrument=scenario.noise), rng)
+    data = simulate(true, errors, measured(true, rng), Noise(by_instrument=scenario.noise), rng)
     data = replace(data, z=sessions(model, data.z))
     noise = {g.name: scenario.noise[g.observation][g.quantity] for g in model.measurement.groups}
     found = calibrate(model, None, data, Options(sigma=noise, scales="stated")).after
@@ -343,6 +440,7 @@ def draw(name: str, seed: int) -> Draw:
     jacobian = witness.jacobian(data.q, p.names, p.mapping(truth))
     sigma = model.measurement.per_component(noise)
     w = (jacobian / sigma[None, :, None])[rows] * p.scales
+    w = np.vstack([w, witness.values(p.names, p.mapping(truth)) * p.scales])
     _, s, vt = np.linalg.svd(w, full_matrices=False)
     seen = vt[s > 1].T
     prior = np.array([1.0 if n in ARM.parameters else 1e-3 for n in p.names])

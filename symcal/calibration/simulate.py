@@ -34,9 +34,9 @@ def simulate(
         RefusedError: a true robot that cannot touch there.
     """
     x = model.parameters.vector(truth)
-    touching = touched(model, q)
+    touching = touched(model.measurement, model.setup, q)
     q = _touching(model, x, q, touching, noise, rng)
-    contacts = {part.observation.name: touching[:, i] for i, part in enumerate(constraints(model))}
+    contacts = {part.observation.name: touching[:, i] for i, part in enumerate(constraints(model.measurement))}
     (h,) = batch_function(model.measurement.predict, evaluations=len(q))(q, x, model.setup.vector)
     z = np.empty_like(h)
     for part in model.measurement.parts:
@@ -65,7 +65,7 @@ def _touching(
 ) -> Array:
     """The postures at which the true robot touches: the ball is not quite at its place, and the joints give way."""
     q = q.copy()
-    for i, part in enumerate(constraints(model)):
+    for i, part in enumerate(constraints(model.measurement)):
         own, o = np.flatnonzero(touching[:, i]), part.observation
         if not len(own):
             continue

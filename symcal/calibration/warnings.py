@@ -73,9 +73,9 @@ def _missed(who: str, error: float, size: float) -> list[str]:
     if error < _FAR * size:
         return []
     return [
-        f"{who}by nominal kinematics the postures miss what they touch by {error:.4g} mm rms, {error / size:.0%} of the "
-        "robot's length: check the order, units and signs of the joint columns, which posture touched what, and the "
-        "robot file"
+        f"{who}by nominal kinematics the postures miss what they touch by {error:.4g} mm rms, {error / size:.0%} of "
+        "the robot's length: check the order, units and signs of the joint columns, which posture touched what, and "
+        "the robot file"
     ]
 
 
@@ -164,9 +164,9 @@ def _unseen_length(model: Model, after: Fit) -> list[str]:
     size = 1 / max(float(np.linalg.norm((lengths(parameters) / parameters.scales)[free])), 1e-12)
     if abs(grown) > max(_GROWN * size, _LEAST_GROWN):
         raise RefusedError(
-            f"the identification {'shrinks' if grown < 0 else 'stretches'} the arm by {abs(grown):.1%}: contacts see no "
-            "length, and a smaller arm misses everything by less; check which posture touched what and the robot file, "
-            "state the lengths better ('scales'), or add something that has a length: a known distance between two "
+            f"the identification {'shrinks' if grown < 0 else 'stretches'} the arm by {abs(grown):.1%}: contacts see "
+            "no length, and a smaller arm misses everything by less; check which posture touched what and the robot "
+            "file, state the lengths better ('scales'), or add something that has a length: a known distance between two "
             "sockets ('value'), known places, an instrument that reads lengths"
         )
     slope = growth_slope(parameters)[parameters.indices(after.free)]

@@ -212,9 +212,10 @@ class ObservationConfig(Strict):
     """An instrument that reads a target, with the keys of its kind beside these.
 
     at: where it stands, or the name of another entry of `measurements`, if it is at the same place. target: its name
-    under `targets`, or what it is; or the name of another entry, whose place is then what is read. reports: whose pose the data hold, where whole frames are read. session: poses of
-    other sessions are other postures, whatever they are called. value: what would be read between two things that do
-    not move against each other, known: a number for each column.
+    under `targets`, or what it is; with a value also the name of another entry, whose place is then what is read.
+    reports: whose pose the data hold, where whole frames are read. session: poses of other sessions are other postures,
+    whatever they are called. value: what would be read between two things that do not move against each other, known:
+    a number for each column.
     """
 
     instrument: str

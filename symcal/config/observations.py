@@ -176,7 +176,9 @@ def _things(
     if not isinstance(config, str):
         return {"": (f"{name}_{part}", _place(config, file, document, key))}
     found = {o.session if o.name != o.of else "": (o.place, o.at) for o in observations if o.of == config}
-    found = found or {"": (o.place, o.at) for o in observations if o.name == config}
+    for o in observations if not found else ():
+        if o.name == config:
+            found[""] = (o.place, o.at)
     if not found:
         message = "there is no entry of this name whose place this could be"
         raise document.error(message, key, found=config, allowed=[o.name for o in observations])

@@ -2,8 +2,8 @@
 
 One row per observation: `pose,q1_deg,...,point,x_mm,y_mm,z_mm` (position; or wide, `P1_x_mm,...`),
 `x_m,y_m,z_m,qx,qy,qz,qw` or `roll_deg,pitch_deg,yaw_deg` (pose), `pose,q1_deg,...,point,u_px,v_px` (pixels),
-`pose,q1_deg,...,distance_mm`; in general the columns of the kind of instrument, none of a constraint. Optional `sigma_*`, `split` and
-`session` columns.
+`pose,q1_deg,...,distance_mm`; in general the columns of the kind of instrument, none of a constraint. Optional
+`sigma_*`, `split` and `session` columns.
 """
 
 from __future__ import annotations

@@ -6,7 +6,8 @@ r"""Constraints: nothing is read, but a point of the robot must lie on a thing o
 Their noise moves the place: the posture gives way until the point lies where the ball really is. So the residual is
 not independent of the joint readings, and least squares would shrink the arm to have less of it: for a growth g of all
 lengths |r|^2 changes as g^2, with no measurement against it. What is minimised is therefore |r / g|^2 (ours; see
-`symcal.model.observe`), which leaves uniform growth exactly unseen, as it is. Closed-loop calibration: [Hollerbach1996].
+`symcal.model.observe`), which leaves uniform growth exactly unseen, as it is. Calibration by closed loops:
+[Hollerbach1996].
 """
 
 from __future__ import annotations

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
-from symcal.kernels import BatchFunction, batch_function
-from symcal.model.measurement import Part
+from symcal.kernels import batch_function
+from symcal.model.measurement import Measurement, Part, Setup
 from symcal.model.model import Model
 
 Array = NDArray[np.float64]
@@ -31,20 +31,28 @@ _LEVER = 300.0  # mm
 _DRAWS = 400  # random postures tried per wanted one
 
 
-def constraints(model: Model) -> tuple[Part, ...]:
+def constraints(measurement: Measurement) -> tuple[Part, ...]:
     """The observations that a posture must lie on."""
-    return tuple(part for part in model.measurement.parts if part.contact is not None)
+    return tuple(part for part in measurement.parts if part.contact is not None)
 
 
-def touched(model: Model, q: Array, x: Array | None = None) -> Mask:
-    """Which constraints each posture touches, shape (N, number of constraints); nominal ones when x is None."""
-    x = np.zeros(len(model.parameters)) if x is None else x
-    found = [_miss(batch_function(part.contact, evaluations=0), q, x, model) for part in constraints(model) if part.contact]
-    return np.column_stack(found) < TOUCHING if found else np.zeros((len(q), 0), dtype=np.bool_)
+def touched(measurement: Measurement, setup: Setup, q: Array) -> Mask:
+    """Which constraints each posture nominally touches, shape (N, number of constraints)."""
+    out = np.zeros((len(q), len(constraints(measurement))), dtype=np.bool_)
+    x = np.zeros(len(measurement.parameters))
+    for i, part in enumerate(constraints(measurement)):
+        assert part.contact is not None
+        (c, *_) = batch_function(part.contact, evaluations=0)(q, x, setup.vector)
+        out[:, i] = np.linalg.norm(c.reshape(len(q), -1), axis=1) < TOUCHING
+    return out
 
 
-def _miss(kernel: BatchFunction, q: Array, x: Array, model: Model) -> Array:
-    return np.asarray(np.linalg.norm(kernel(q, x, model.setup.vector)[0].reshape(len(q), -1), axis=1))
+def touched_names(measurement: Measurement, setup: Setup, q: Array) -> tuple[str, ...]:
+    """What each posture nominally touches, by name; empty for a free one."""
+    names = [part.observation.name for part in constraints(measurement)]
+    return tuple(
+        " ".join(n for n, own in zip(names, row, strict=True) if own) for row in touched(measurement, setup, q)
+    )
 
 
 def projected(
@@ -67,7 +75,7 @@ def projected(
         open_ = np.flatnonzero(~met)
         if not len(open_):
             break
-        c, slope = kernel(q[open_], x, model.setup.vector)
+        c, slope, _ = kernel(q[open_], x, model.setup.vector)
         c = c.reshape(len(open_), -1) - (0.0 if shift is None else shift[open_])
         slope = slope.reshape(len(open_), c.shape[1], -1)
         near = np.linalg.norm(c, axis=1) < _MET
@@ -78,9 +86,7 @@ def projected(
     return q, met
 
 
-def _moved(
-    q: Array, c: Array, slope: Array, weight: Array, longest: Array, lower: Array, upper: Array
-) -> Array:
+def _moved(q: Array, c: Array, slope: Array, weight: Array, longest: Array, lower: Array, upper: Array) -> Array:
     """One step; of joints that it would take beyond their limits without them."""
     free = np.ones_like(q)
     step = np.zeros_like(q)
@@ -112,7 +118,7 @@ def contact_postures(
     Raises:
         RefusedError: hardly any posture can touch one of them.
     """
-    parts = constraints(model)
+    parts = constraints(model.measurement)
     turns: list[Part | None] = [*parts, *([None] if len(parts) < len(model.measurement.parts) else [])]
     x = np.zeros(len(model.parameters))
     found = []

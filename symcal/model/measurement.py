@@ -91,8 +91,8 @@ class Part:
     readings, components: its columns in z and in the residual. errors: its place in the vector of errors.
     residual: (q, x, setup, z) -> r and J of its own z alone, shapes (m,) and (m, n).
     margins: (q, x, setup) -> by how much each feature can be read, shape (features * limits,); None without limits.
-    contact: (q, x, setup) -> c, by how much a posture misses a constraint, shape (m,), mm, and dc/dq, shape (m, dof);
-        None of what reads.
+    contact: (q, x, setup) -> c, by how much a posture misses a constraint, shape (m,), mm, dc/dq, shape (m, dof), and
+        the point that touches in the constraint's frame, shape (3,), mm; None of what reads.
     """
 
     observation: Observation
@@ -107,6 +107,11 @@ class Part:
     @property
     def features(self) -> int:
         return max(len(self.observation.features), 1)
+
+    @property
+    def size(self) -> int:
+        """Residual components of a posture."""
+        return int(self.components.stop - self.components.start)
 
     def seen(self, z: Array) -> NDArray[np.bool_]:
         """Which components of the residual were measured, shape (N, m), from all readings (N, nz)."""

@@ -67,7 +67,7 @@ def observe(chain: Chain, *observations: Observation, values: tuple[Observation,
                 slice(errors + judged, errors + judged + turned),
                 residual,
                 kinematics.function(f"{name}_margins", state, {"m": ca.vertcat(*own.margins)}) if kind.limits else None,
-                _contact(f"{name}_contact", state, ca.vertcat(*own.readings)) if kind.constrains else None,
+                _contact(f"{name}_contact", state, own) if kind.constrains else None,
             )
         )
         groups += _groups(observation, components, count, alone=len({o.of for o in observations}) == 1)
@@ -92,9 +92,10 @@ def observe(chain: Chain, *observations: Observation, values: tuple[Observation,
     )
 
 
-def _contact(name: str, state: dict[str, SX], reading: SX) -> ca.Function:
-    """How far a posture is from a constraint, and how that changes with the joints."""
-    return kinematics.function(name, state, {"c": reading, "G": ca.jacobian(reading, state["q"])})
+def _contact(name: str, state: dict[str, SX], own: _Expressions) -> ca.Function:
+    """How far a posture is from a constraint, how that changes with the joints, and where the point is."""
+    c = ca.vertcat(*own.readings)
+    return kinematics.function(name, state, {"c": c, "G": ca.jacobian(c, state["q"]), "p": ca.vertcat(*own.points)})
 
 
 def _value(scene: _Scene, name: str, observation: Observation, state: dict[str, SX]) -> ca.Function:
@@ -164,6 +165,7 @@ class _Expressions:
     errors: list[SX] = field(default_factory=list)
     attitudes: list[SX] = field(default_factory=list)
     margins: list[SX] = field(default_factory=list)
+    points: list[SX] = field(default_factory=list)
 
     def add(self, observation: Observation, feature: _Feature, growth: tuple[SX, SX] | None) -> None:
         """Args: growth: g and dg/dx, shape (1, n), that residuals of constraints are taken by."""
@@ -185,6 +187,7 @@ class _Expressions:
         riding = observation.riding and observation.reports == "target"
         shift, attitude = kind.miss(*at, reading, feature.own, riding=riding)
         self.margins.append(kind.margins(*at, feature.own))
+        self.points.append(feature.point)
         self.z.append(reading)
         self.readings.append(kind.predict(*at, feature.own))
         self.residuals.append(residual)

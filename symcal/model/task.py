@@ -42,9 +42,9 @@ class Scene:
 class Task:
     """What is measured on a robot and what is to be estimated.
 
-    observations: what reads postures, and `values`: what is known between things that do not move against each other
-    (`Observation.value`), wherever they stand in what is given. base, tool: whether the robot's own frames are unknown. fix: parameters to hold at nominal. scales, priors: by
-    parameter name, mm or rad.
+    observations: what reads postures; values: what is known between things that do not move against each other
+    (`Observation.value`), wherever they stand in what is given. base, tool: whether the robot's own frames are unknown.
+    fix: parameters to hold at nominal. scales, priors: by parameter name, mm or rad.
     """
 
     observations: tuple[Observation, ...]

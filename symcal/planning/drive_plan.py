@@ -96,12 +96,12 @@ def search(
         rng,
         method=method,
         methods=search_methods(problem, wanted.genetic),
-        criterion=wanted.criterion,
+        criterion=name,
         region=problem.region,
         aligned=problem.aligned,
         feasible=problem.feasible,
         required=problem.required if required is None else required,
-        candidates=problem.candidates,
+        candidates=problem.choices,
         distance=wanted.distance,
         sample=wanted.sample,
         random=random,
@@ -190,8 +190,10 @@ def covering_plan(
 def _cells(
     problem: PlanProblem, wanted: CoverageConfig, poses: int, rng: np.random.Generator
 ) -> tuple[Coverage, Array]:
-    if problem.candidates is not None:
-        raise RefusedError("coverage is not kept when choosing among candidates: leave out one of the two")
+    if problem.choices is not None:
+        raise RefusedError(
+            "coverage is not kept when choosing among candidates or postures that touch: leave out one of the two"
+        )
     names = [joint.name for joint in problem.robot.joints]
     if wanted.joints is not None:
         unknown = [name for name in wanted.joints if name not in names]
@@ -238,7 +240,7 @@ def in_order(problem: PlanProblem, plan: Plan, required: int) -> Planned:
     tour = tour_of(range(len(poses)), poses, start, speeds)
     motion = plan_path(problem.arm, poses, tour, start, speeds, (robot.lower, robot.upper), constraints=problem.moving)
     names: Sequence[str] = [str(i + 1) for i in range(len(order))]
-    if plan.indices is not None:
+    if plan.indices is not None and problem.candidates is not None:
         named = [*problem.required_names, *(problem.candidate_names[i] for i in plan.indices)]
         names = [named[i] for i in order]
     return Planned(

@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from symcal.errors import RefusedError
 from symcal.fit.identifiability import Identifiability, analyse
 from symcal.fit.whitened import beforehand
-from symcal.model.measurement import Measurement, Setup
+from symcal.model.contact import TOUCHING
+from symcal.model.measurement import Measurement, Part, Setup
 from symcal.planning.area import Feasible, WorkingArea, working_area
 from symcal.planning.subspace_rows import SubspaceRows, subspace_rows
 
@@ -66,8 +67,10 @@ class PoseInformation:
 
     @property
     def components(self) -> int:
-        """m, the residual components of one pose."""
-        return self.measurement.rows
+        """The most residual components that one pose gives: it touches one thing at a time."""
+        sizes = [(part.contact is None, part.size) for part in self.measurement.parts]
+        touches = max((size for reads, size in sizes if not reads), default=0)
+        return sum(size for reads, size in sizes if reads) + touches
 
     def rows(self, poses: Array) -> Array:
         """F at each pose, shape (N, m, n); poses (N, dof) in rad or mm."""
@@ -109,6 +112,7 @@ def pose_information(
     feasible: Feasible | None = None,
     poses: int = 40,
     prior_rows: Array | None = None,
+    typical: Array | None = None,
 ) -> PoseInformation:
     """Information per pose at the nominal parameters.
 
@@ -121,6 +125,8 @@ def pose_information(
         area: where poses may lie; the robot's joint limits when None. feasible: which of them can be measured; only
             these count for the rank.
         prior_rows: further rows of constant information by the free parameters (whitened, per mm and rad), (k, p).
+        typical: poses that stand for those that can be measured, shape (K, dof), where not all of the area can: they
+            touch what they must. Only what a posture touches counts.
     Raises:
         RefusedError: the measurement determines nothing at this noise, or no pose is feasible.
     """
@@ -129,13 +135,15 @@ def pose_information(
     names = parameters.names if free is None else free
     index = parameters.indices(names)
     scales = parameters.scales[index]
+    prior_rows = _known(measurement, setup, tuple(names), prior_rows)
     whitening = 1.0 / measurement.per_component(sigmas)
     q = ca.SX.sym("q", robot.dof)
     at_nominal = measurement.jacobian(q, np.zeros(len(parameters)), setup.vector)
-    scaled = ca.diag(whitening) @ at_nominal[:, index.tolist()] @ ca.diag(scales)
+    read = ca.vertcat(*(_read(part, q, setup) for part in measurement.parts))
+    scaled = ca.diag(whitening * read) @ at_nominal[:, index.tolist()] @ ca.diag(scales)
     whole = subspace_rows("rows", q, scaled, np.eye(len(names)))
 
-    sampled = whole.full(_typical(area, feasible))
+    sampled = whole.full(_typical(area, feasible) if typical is None else typical)
     sampled = sampled[np.isfinite(sampled).all(axis=(1, 2))].reshape(-1, len(names))
     prior = _priors(measurement, names, prior_rows) * scales
     # as much information as ``poses`` average ones have
@@ -162,6 +170,14 @@ def pose_information(
     )
 
 
+def _read(part: Part, q: ca.SX, setup: Setup) -> ca.SX:
+    """One for each component that a posture gives, zero for those of a constraint that it does not touch, (m,)."""
+    if part.contact is None:
+        return ca.SX.ones(part.size)
+    c = part.contact(q, np.zeros(part.contact.size1_in("x")), setup.vector)[0]
+    return ca.if_else(ca.norm_2(c) < TOUCHING, 1.0, 0.0) * ca.SX.ones(part.size)
+
+
 def _sizes(measurement: Measurement, names: tuple[str, ...], scales: Array, extra: Array | None) -> Array:
     known = beforehand(measurement.parameters, names).rows(scales)
     return known if extra is None else np.vstack([known, extra * scales])
@@ -185,3 +201,12 @@ def _priors(measurement: Measurement, names: tuple[str, ...], extra: Array | Non
     """Whitened rows of all priors by the free parameters, shape (k, p)."""
     own = measurement.parameters.prior_rows(names)
     return own if extra is None else np.vstack([own, extra])
+
+
+def _known(measurement: Measurement, setup: Setup, names: tuple[str, ...], extra: Array | None) -> Array | None:
+    """Whitened rows of what is known between things, beside further ones, shape (k, p)."""
+    still, x = np.zeros(measurement.chain.robot.dof), np.zeros(len(measurement.parameters))
+    index = measurement.parameters.indices(names)
+    rows = [np.asarray(value(still, x, setup.vector)[1])[:, index] for value in measurement.values]
+    rows += [] if extra is None else [extra]
+    return np.vstack(rows) if rows else None

@@ -77,6 +77,7 @@ def _judged(
             area=problem.area,
             feasible=problem.feasible,
             poses=len(poses),
+            typical=problem.pool,
         )
     except (InputError, RefusedError) as error:
         return InstrumentSet(tuple(names), refused=getattr(error, "message", str(error)))

@@ -1,6 +1,7 @@
 """Plans as CSV files: one row per pose for the controller, and the waypoints of the whole motion.
 
 plan.csv:       pose,q1_deg,q2_mm,...,segment,time_s     the segment (line, joint) leads to the pose and takes time_s
+                pose,...,touches                         by name what the posture touches, where something is touched
 waypoints.csv:  time_s,q1_deg,...,segment,pose           time since the start; pose is named where it is reached
 """
 
@@ -22,12 +23,18 @@ Array = NDArray[np.float64]
 
 
 def write_plan(
-    path: Path | str, robot: Robot, poses: Array, motion: Motion | None = None, *, names: Sequence[str] | None = None
+    path: Path | str,
+    robot: Robot,
+    poses: Array,
+    motion: Motion | None = None,
+    *,
+    names: Sequence[str] | None = None,
+    touches: Sequence[str] | None = None,
 ) -> None:
     """Write the poses of a plan, shape (N, dof), in the order of the motion and with its segments if there is one.
 
     Args:
-        names: of the poses; their numbers in ``poses``, from 1, when None.
+        names: of the poses; their numbers in ``poses``, from 1, when None. touches: what each of them touches.
     Raises:
         InputError: the file cannot be written.
     """
@@ -35,6 +42,9 @@ def write_plan(
     known = [str(i + 1) for i in range(len(poses))] if names is None else names
     rows = [[known[i], *_cells(robot, poses[i])] for i in order]
     header = ["pose", *_columns(robot)]
+    if touches is not None:
+        header.append("touches")
+        rows = [[*row, touches[i]] for row, i in zip(rows, order, strict=True)]
     if motion is not None:
         header += ["segment", "time_s"]
         rows = [[*row, s.kind, repr(s.time)] for row, s in zip(rows, motion.segments, strict=True)]

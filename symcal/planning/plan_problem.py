@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +15,12 @@ from symcal.config.conversion import ExperimentFile, SimulatedData
 from symcal.config.plan import AreaRegion, BoxRegion
 from symcal.documents.document import Document, Key
 from symcal.errors import RefusedError
+from symcal.model.contact import constraints, touched_names
 from symcal.model.model import Model
 from symcal.planning.area import Feasible, WorkingArea
 from symcal.planning.camera_view import CameraView
 from symcal.planning.constraints import Constraint, feasible, insist, joint_limits
+from symcal.planning.contact_pool import nearest_contacts, touching_pool
 from symcal.planning.information import PoseInformation, pose_information
 from symcal.planning.ordering import joint_speeds
 from symcal.planning.plan_constraints import clearance, own_camera, separate_camera
@@ -37,6 +40,7 @@ class PlanProblem:
     area: where poses may lie, margins taken off. measuring, moving: constraints on the measured poses, and the ones
     among them that also hold on the way. view: the camera with its target, None without one. required, candidates:
     poses, shape (k, dof), with their names; candidates is None where any pose of the area will do. inputs: files read.
+    pool: postures that touch what they must, to choose from, shape (K, dof); None where nothing is touched.
     start: joint readings where the robot begins, None if not said. speeds: shape (dof,), None if not all are known.
     """
 
@@ -51,9 +55,20 @@ class PlanProblem:
     required_names: tuple[str, ...]
     candidates: Array | None
     candidate_names: tuple[str, ...]
+    pool: Array | None
     start: Array | None
     speeds: Array | None
     inputs: tuple[Path, ...]
+
+    @property
+    def choices(self) -> Array | None:
+        """The finite set that a plan is chosen from, shape (K, dof); None where any pose of the area will do."""
+        return self.pool if self.candidates is None else self.candidates
+
+    @property
+    def touches(self) -> Callable[[Array], tuple[str, ...]] | None:
+        """What each posture touches, by name; None where nothing is touched."""
+        return None if self.pool is None else partial(touched_names, self.info.measurement, self.info.setup)
 
     @property
     def robot(self) -> Robot:
@@ -94,6 +109,9 @@ def plan_problem(file: ExperimentFile, document: Document, model: Model, rng: np
     mask = feasible(measuring) if measuring else None
     required, required_names = _required(file, document, robot, measuring, inputs)
     candidates, candidate_names = _candidates(file, document, robot, inputs)
+    pool = touching_pool(model, area, plan.sample, rng, mask) if constraints(model.measurement) else None
+    if pool is not None and candidates is not None:
+        candidates = nearest_contacts(model, candidates)
     info = pose_information(
         model.measurement,
         model.setup,
@@ -102,6 +120,7 @@ def plan_problem(file: ExperimentFile, document: Document, model: Model, rng: np
         area=area,
         feasible=mask,
         poses=plan.poses,
+        typical=pool,
     )
     return PlanProblem(
         info=info,
@@ -115,6 +134,7 @@ def plan_problem(file: ExperimentFile, document: Document, model: Model, rng: np
         required_names=required_names,
         candidates=candidates,
         candidate_names=candidate_names,
+        pool=pool,
         start=None if plan.start is None else _readings(plan.start, file, document, robot, ("plan", "start")),
         speeds=_speeds(file, document, robot),
         inputs=tuple(inputs),

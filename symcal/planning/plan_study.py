@@ -89,8 +89,8 @@ def find(
 def _promise(
     problem: PlanProblem, accuracy: Accuracy, wanted: PlanConfig, rng: np.random.Generator, progress: Progress
 ) -> tuple[Forecast | None, RandomBand | None, tuple[PosesNeeded, ...]]:
-    """What fewer and more poses promise; nothing among candidates, whose number is what it is."""
-    if problem.candidates is not None:
+    """What fewer and more poses promise; nothing of a finite set."""
+    if problem.choices is not None:
         return None, None, ()
     for_ground, for_counts, for_band, for_needed = rng.spawn(4)
     info, asked = problem.info, wanted.promise

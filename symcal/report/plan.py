@@ -103,8 +103,14 @@ def _comparison(content: Content) -> dict[str, Any]:
 def _proof(content: Content) -> str:
     plan, seen = content["plan"], content["identifiability"]
     proof = plan["certificate"]
+    pool = content.get("pool")
     how = (
-        f"over all {proof['searched']} candidates, which are the whole set"
+        (
+            f"over all {proof['searched']} postures of a pool, random ones moved until they touch: it holds for this "
+            "pool, not for every posture that could touch"
+            if pool and not content["candidates"]
+            else f"over all {proof['searched']} candidates, which are the whole set"
+        )
         if proof["exhaustive"]
         else f"searched over {proof['searched']} sampled poses, limits and corners among them, and polished with exact "
         "derivatives: proven up to what such a search misses"
@@ -214,6 +220,8 @@ def _facts(content: Content) -> list[list[str]]:
     ]
     if content["candidates"]:
         facts.append(["candidates", f"{content['candidates']} poses to choose from"])
+    elif content.get("pool"):
+        facts.append(["pool", f"{content['pool']} postures that touch, to choose from"])
     if content["constraints"]["distance"]:
         facts.append(["distance", f"{content['constraints']['distance']:g} of the working area between any two poses"])
     facts.append(["random seed", str(content["seed"])])

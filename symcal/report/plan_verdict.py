@@ -30,7 +30,9 @@ def percent(share: float) -> str:
 def _main(content: Content) -> str:
     plan = content["plan"]
     n = plan["poses"]
-    which = "any other choice of as many candidates" if content["candidates"] else f"any {n} poses"
+    pool = content.get("pool")
+    which = f"any {n} of the {pool} postures in the pool" if pool else f"any {n} poses"
+    which = "any other choice of as many candidates" if content["candidates"] else which
     bound = plan["criterion_efficiency_lower_bound"]
     if plan["criterion"] == "D" or bound is None:
         text = (

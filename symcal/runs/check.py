@@ -12,6 +12,7 @@ from symcal.calibration.results import observation_facts, unknown_words
 from symcal.fit.identifiability import Identifiability, analyse, numerical_rank
 from symcal.kernels import batch_function
 from symcal.kinematics import chain, forward, frame_vector
+from symcal.model.contact import constraints, contact_postures, touched
 from symcal.model.measurement import Setup
 from symcal.model.model import Model, build_model
 from symcal.model.observation import Place
@@ -66,7 +67,7 @@ def check_model(model: Model) -> Check:
     return Check(
         pose_at_zero(model.robot),
         {f"{name}{words}": potential(model)},
-        parallel_axes(model.robot),
+        (*parallel_axes(model.robot), *_no_length(model)),
         stack(model),
     )
 
@@ -90,16 +91,14 @@ class Added:
 
 def stack(model: Model) -> tuple[Added, ...]:
     """Every instrument in its order, by the numerical rank of noise-free rows over the whole joint ranges."""
-    jacobian, weight = _sampled(model)
+    jacobian = _sampled(model)
     scales = model.parameters.scales
     index = model.parameters.indices((*model.kinematic, *model.placement))
     found, before = [], 0
     for part in model.measurement.parts:
         o, own = part.observation, slice(0, part.components.stop)
         ranks = [
-            numerical_rank(
-                (jacobian[:, rows] * weight[None, rows, None]).reshape(-1, jacobian.shape[2])[:, index] * scales[index]
-            )
+            numerical_rank(jacobian[:, rows].reshape(-1, jacobian.shape[2])[:, index] * scales[index])
             for rows in (part.components, own)
         ]
         facts = observation_facts(o)
@@ -120,6 +119,17 @@ def stack(model: Model) -> tuple[Added, ...]:
     return tuple(found)
 
 
+def _no_length(model: Model) -> tuple[str, ...]:
+    """That nothing which is read sees a length."""
+    if model.measurement.sees_length:
+        return ()
+    known = "; a known value is what tells" if model.measurement.known else ""
+    return (
+        "nothing that is read has a length: if all lengths of the arm, its points and its places grow by one share, "
+        f"nothing changes{known}. The plausible sizes hold that share, whatever the data say",
+    )
+
+
 def pose_at_zero(robot: Robot) -> Array:
     """T_world_tool with all joint readings at zero, shape (4, 4), mm."""
     kernel = batch_function(forward(chain(robot, parameter_set(robot))), evaluations=0)
@@ -129,25 +139,51 @@ def pose_at_zero(robot: Robot) -> Array:
 
 def potential(model: Model) -> Identifiability:
     """What noise-free measurements over the whole joint ranges could see (numerical rank)."""
-    jacobian, weight = _sampled(model)
     free = (*model.kinematic, *model.placement)
-    stacked = (jacobian * weight[None, :, None]).reshape(-1, len(model.parameters))
+    still, x = np.zeros(model.robot.dof), np.zeros(len(model.parameters))
+    known = [np.asarray(value(still, x, model.setup.vector)[1]) for value in model.measurement.values]
+    stacked = np.vstack([_sampled(model).reshape(-1, len(model.parameters)), *known])
     return analyse(stacked, model.parameters, free, noise_known=False)
 
 
-def _sampled(model: Model) -> tuple[Array, Array]:
-    """Jacobians at many poses, shape (N, m, n), and the weights of their rows, shape (m,)."""
+def _sampled(model: Model) -> Array:
+    """Weighted Jacobians at many poses, shape (N, m, n); zero of what a posture does not touch."""
     rng = np.random.default_rng(0)
     ranges = [
         (j.lower, j.upper) if np.isfinite(j.upper - j.lower) else (-_FREE_RANGE[j.revolute], _FREE_RANGE[j.revolute])
         for j in model.robot.joints
     ]
     lower, upper = np.array(ranges).T
-    q = rng.uniform(lower, upper, (_SAMPLE, len(lower)))
     setup, x = _somewhere(model, rng)
-    (jacobian,) = model.jacobian(q, x, setup.vector)
+    setup = _within_reach(model, setup, x, lower, upper, rng)
     # orientations weigh like a point at 200 mm, so that the numerical rank does not depend on units
-    return jacobian, model.measurement.per_unit({"mm": 1.0, "rad": 200.0, "px": 1.0})
+    weight = np.tile(model.measurement.per_unit({"mm": 1.0, "rad": 200.0, "px": 1.0}), (_SAMPLE, 1))
+
+    def draw(count: int) -> Array:
+        return rng.uniform(lower, upper, (count, len(lower)))
+
+    parts = constraints(model.measurement)
+    q = draw(_SAMPLE)
+    if parts:
+        there = replace(model, setup=model.moved(setup, x))
+        q = contact_postures(there, _SAMPLE, draw, (lower, upper))
+        for part, own in zip(parts, touched(model.measurement, there.setup, q).T, strict=True):
+            weight[:, part.components] *= own[:, None]
+    (jacobian,) = model.jacobian(q, x, setup.vector)
+    return np.asarray(jacobian * weight[:, :, None])
+
+
+def _within_reach(model: Model, setup: Setup, x: Array, lower: Array, upper: Array, rng: np.random.Generator) -> Setup:
+    """The setup with constraints that nobody has placed where the point that touches them is at some posture."""
+    places = dict(setup.places)
+    for part in constraints(model.measurement):
+        o = part.observation
+        if o.at.frame is None and o.at.unknown and part.contact is not None:
+            q = rng.uniform(lower, upper, (1, len(lower)))
+            c, _, p = batch_function(part.contact, evaluations=0)(q, x, setup.vector)
+            shift = p[0].ravel() if c.size == 3 else np.array([0.0, 0.0, c.ravel()[0]])
+            places[o.place] = places[o.place] @ transform(np.eye(3), shift)
+    return replace(setup, places=places)
 
 
 def _somewhere(model: Model, rng: np.random.Generator) -> tuple[Setup, Array]:
@@ -161,7 +197,7 @@ def _somewhere(model: Model, rng: np.random.Generator) -> tuple[Setup, Array]:
     x = model.parameters.vector({name: float(rng.uniform(50, 150)) for name in unplaced})
     places = {
         name: place.frame if place.frame is not None else _anywhere(place, rng)
-        for name, place in places_of(model.task.observations).items()
+        for name, place in places_of(model.task.everything).items()
     }
     return replace(model.setup, places=places), x
 

@@ -153,4 +153,4 @@ def _postures(model: Model, count: int, lower: Array, upper: Array, rng: np.rand
     def draw(number: int) -> Array:
         return rng.uniform(lower, upper, (number, len(lower)))
 
-    return contact_postures(model, count, draw, (lower, upper)) if constraints(model) else draw(count)
+    return contact_postures(model, count, draw, (lower, upper)) if constraints(model.measurement) else draw(count)

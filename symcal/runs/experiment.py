@@ -24,6 +24,7 @@ from symcal.errors import InputError, RefusedError
 from symcal.export.results import correction_facts, handover_facts
 from symcal.images.files import write_images
 from symcal.images.run import AGAINST, ERROR, ImageRun, run_images
+from symcal.model.contact import constraints, touched_names
 from symcal.planning.drive_plan import Planned, find_plan, plan_generator
 from symcal.planning.forecast_check import forecast_check
 from symcal.planning.plan_file import write_plan
@@ -238,7 +239,9 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
     _save_measurements(outcome.data, experiment.robot, folder)
     if outcome.planned is not None:
         motion = outcome.planned.motion if outcome.planned.timed else None
-        write_plan(folder / "plan.csv", experiment.robot, outcome.planned.plan.poses, motion)
+        poses, model = outcome.planned.plan.poses, experiment.model
+        touches = touched_names(model.measurement, model.setup, poses) if constraints(model.measurement) else None
+        write_plan(folder / "plan.csv", experiment.robot, poses, motion, touches=touches)
     resolved = config.resolved(experiment.file, experiment.document, folder)
     write_document(folder / "experiment.resolved.yaml", resolved | {"seed": experiment.seed})
     (folder / "tables").mkdir()

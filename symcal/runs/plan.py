@@ -89,6 +89,7 @@ def plan_experiment(experiment: Experiment, progress: Progress = lambda _: None)
         "constraints": shares,
         "region": region_words(file.plan.region, bool(problem.measuring)),
         "candidates": None if problem.candidates is None else len(problem.candidates),
+        "pool": None if problem.pool is None else len(problem.pool),
     }
     return PlanOutcome(experiment, found, content)
 
@@ -105,6 +106,7 @@ def write(outcome: PlanOutcome, folder: Path, progress: Progress) -> None:
         poses,
         planned.motion if planned.timed else None,
         names=planned.names,
+        touches=None if problem.touches is None else problem.touches(poses),
     )
     resolved = config.resolved(experiment.file, experiment.document, folder)
     write_document(folder / "experiment.resolved.yaml", resolved | {"seed": experiment.seed})

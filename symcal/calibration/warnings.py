@@ -166,8 +166,8 @@ def _unseen_length(model: Model, after: Fit) -> list[str]:
         raise RefusedError(
             f"the identification {'shrinks' if grown < 0 else 'stretches'} the arm by {abs(grown):.1%}: contacts see "
             "no length, and a smaller arm misses everything by less; check which posture touched what and the robot "
-            "file, state the lengths better ('scales'), or add something that has a length: a known distance between two "
-            "sockets ('value'), known places, an instrument that reads lengths"
+            "file, state the lengths better ('scales'), or add something that has a length: a known distance between "
+            "two sockets ('value'), known places, an instrument that reads lengths"
         )
     slope = growth_slope(parameters)[parameters.indices(after.free)]
     sigma = float(np.sqrt(slope @ after.posterior.covariance @ slope))

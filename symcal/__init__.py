@@ -45,7 +45,9 @@ if TYPE_CHECKING:
     from symcal.instruments.registry import Component as Component
     from symcal.instruments.registry import Direction as Direction
     from symcal.instruments.registry import Distance as Distance
+    from symcal.instruments.registry import FixedPoint as FixedPoint
     from symcal.instruments.registry import Pixels as Pixels
+    from symcal.instruments.registry import Plane as Plane
     from symcal.instruments.registry import Pose as Pose
     from symcal.instruments.registry import Position as Position
     from symcal.instruments.registry import Tracker as Tracker
@@ -106,6 +108,8 @@ _HOME = {
     "register": "instruments",
     "Component": "instruments.registry",
     "Direction": "instruments.registry",
+    "FixedPoint": "instruments.registry",
+    "Plane": "instruments.registry",
     "Distance": "instruments.registry",
     "Pixels": "instruments.registry",
     "Pose": "instruments.registry",

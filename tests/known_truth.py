@@ -24,6 +24,7 @@ from symcal.fit.estimation import Options
 from symcal.instruments import Instrument, kind_named
 from symcal.instruments.noise import Noise
 from symcal.model.contact import constraints, contact_postures
+from symcal.model.growth import growth
 from symcal.model.measurement import Setup
 from symcal.model.model import Model, build_model, nominal_setup
 from symcal.model.observation import Observation, Place, Target
@@ -289,16 +290,8 @@ class Witness:
             offset = self.scenario.setup.own[f"{o.name}_offset"] + e.get(f"{o.name}_offset", 0.0)
             return np.sqrt(np.sum(p * p, axis=1, keepdims=True)) + offset
         if o.instrument.name == "plane":
-            return (p[:, 2:] - o.instrument.radius) / self.growth(e)
-        if o.instrument.name == "fixed_point":
-            return p / self.growth(e)
+            return p[:, 2:] - o.instrument.radius
         return p[:, 2:] if o.instrument.name == "component" else p
-
-    def growth(self, e: Mapping[str, complex]) -> complex:
-        """By which all lengths have grown, least squares over a and d; where a contact is exact it is but a factor, and
-        its derivative is of no account."""
-        nominal = [(f"{k}_{i}", link.parameters.get(k, 0.0)) for i, link in enumerate(ARM.links, 1) for k in "ad"]
-        return 1 + sum(v * complex(e.get(n, 0.0)).real for n, v in nominal) / sum(v * v for _, v in nominal)
 
     def values(self, names: tuple[str, ...], errors: Mapping[str, float]) -> Array:
         """Slopes of known distances over their noise, by complex steps, shape (k, n)."""
@@ -384,6 +377,8 @@ def slopes(name: str, seed: int) -> tuple[Array, Array]:
     q, p = postures(rng), model.parameters
     errors = {n: float(rng.normal() * s) for n, s in zip(p.names, p.scales, strict=True) if n in ARM.parameters}
     (ours,) = model.jacobian(q, p.vector(errors), scenario.setup.vector)
+    for part in constraints(model.measurement):  # their residuals are taken per growth, a factor without consequence
+        ours[:, part.components] *= growth(model.measurement.growth, p.vector(errors))
     weights = model.measurement.per_unit({"mm": 1.0, "rad": 200.0, "px": 1.0})[None, :, None] * p.scales
     return ours * weights, Witness(scenario).jacobian(q, p.names, errors) * weights
 

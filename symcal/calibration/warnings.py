@@ -11,7 +11,7 @@ from symcal.errors import RefusedError
 from symcal.fit.estimation import Fit
 from symcal.fit.noise import known_sigma, spread_of
 from symcal.fit.residual_rows import rows_of
-from symcal.model.growth import growth, growth_slope, lengths
+from symcal.model.growth import growth
 from symcal.model.measurement import Part
 from symcal.model.model import Model, State
 from symcal.placing.registration import LEVER
@@ -26,10 +26,12 @@ _LARGER = 3.0  # factor on the plausible sizes that a reader is told
 _ADRIFT = 30.0  # scales: a sigma beyond is more than what any parameter of the links may hide
 _NAMED = 5
 _NONSENSE = 0.1  # of the robot's length
+_NOT_TOUCHING = 0.01  # of the robot's length, after the identification
 _NONSENSE_TURN = np.deg2rad(20.0)
 _FAR = 0.03  # of the robot's length: postures that touch one thing are rarely so far from it by nominal kinematics
 _GROWN = 5.0  # of its plausible size: a growth of all lengths beyond is no calibration
 _LEAST_GROWN = 0.01
+_UNEVEN = 5.0  # times: contacts of one ball are about as good everywhere
 
 
 def plausibility(data: Dataset, before: State) -> tuple[str, ...]:
@@ -128,7 +130,7 @@ def quality(model: Model, data: Dataset, after: Fit) -> tuple[str, ...]:
             "file is further off than stated, or the model lacks something and the parameters make up for it"
         )
     notes += _adrift(model, after)
-    notes += _unseen_length(model, after)
+    notes += [*_unseen_length(model, after), *_uneven(model, after)]
     errors = model.parameters.mapping(after.x)
     large = [
         name
@@ -159,22 +161,40 @@ def _unseen_length(model: Model, after: Fit) -> list[str]:
     measurement, parameters = model.measurement, model.parameters
     if measurement.sees_length:
         return []
-    grown = growth(parameters, after.x) - 1
-    free = parameters.indices([name for name in after.free if name in model.robot.parameters])
-    size = 1 / max(float(np.linalg.norm((lengths(parameters) / parameters.scales)[free])), 1e-12)
+    grown = growth(measurement.growth, after.x) - 1
+    size = float(np.linalg.norm(measurement.growth * parameters.scales))
     if abs(grown) > max(_GROWN * size, _LEAST_GROWN):
         raise RefusedError(
             f"the identification {'shrinks' if grown < 0 else 'stretches'} the arm by {abs(grown):.1%}: contacts see "
-            "no length, and a smaller arm misses everything by less; check which posture touched what and the robot "
-            "file, state the lengths better ('scales'), or add something that has a length: a known distance between "
-            "two sockets ('value'), known places, an instrument that reads lengths"
+            "no length, and a smaller arm misses everything by less; check known values and places, which posture "
+            "touched what, and the robot file, or add something that has a length: a known distance between two "
+            "sockets ('value'), known places, an instrument that reads lengths"
         )
-    slope = growth_slope(parameters)[parameters.indices(after.free)]
+    slope = measurement.growth[parameters.indices(after.free)]
     sigma = float(np.sqrt(slope @ after.posterior.covariance @ slope))
-    known = "only known values between things tell" if measurement.known else "nothing that was measured tells"
+    known = (
+        "only known values, places and points tell" if measurement.knows_length else "nothing that was measured tells"
+    )
     return [
         f"{known} how long the arm is: contacts are the same if all lengths grow by one share. That share is held by "
         f"the plausible sizes of the lengths, to {sigma:.2%} (one standard deviation)"
+    ]
+
+
+def _uneven(model: Model, after: Fit) -> list[str]:
+    """Contacts that are much noisier than others of their kind: a slip that a known value or a place forces on them."""
+    kinds = {o.of: o.instrument for o in model.task.observations if o.instrument.constrains}
+    found = [
+        (after.sigmas[g.name], g.observation)
+        for g in model.measurement.groups
+        if g.observation in kinds and g.name in after.estimated
+    ]
+    if len(found) < 2 or max(found)[0] < _UNEVEN * min(found)[0]:
+        return []
+    (low, quiet), (high, loud) = min(found), max(found)
+    return [
+        f"contacts with {loud} scatter by {high:.3g} mm, {high / low:.3g} times those with {quiet}: look for postures "
+        "that touched something else, and for a known value or place that is wrong"
     ]
 
 
@@ -220,7 +240,8 @@ def _nonsense(model: Model, data: Dataset, part: Part, r: Array) -> list[str]:
         position, measured, unit = found
         error = float(np.median(np.linalg.norm(position, axis=1)))
         spread = float(np.median(np.linalg.norm(_about_centre(measured), axis=1)))
-        if error > spread / 4 and (unit != "mm" or error > _NONSENSE * _size(model, data)):
+        much = _NOT_TOUCHING if part.observation.instrument.constrains else _NONSENSE
+        if error > spread / 4 and (unit != "mm" or error > much * _size(model, data)):
             of = f" (the measured points spread over {spread:.4g} {unit})" * (
                 not part.observation.instrument.constrains
             )

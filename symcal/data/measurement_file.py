@@ -62,9 +62,8 @@ def load_measurements(
         InputError: with line and column for everything that cannot be read; nothing is dropped silently.
     """
     layout = Layout(columns or {}, where or {}, delimiter, decimal)
-    table = layout.table(path)
-    if session is not None:
-        table = table.where({"session": session}).without("session")
+    whole = layout.table(path) if session is None else layout.table(path).where({"session": session})
+    table = whole if session is None else whole.without("session")
     split, expected = split or Split(), tuple(point_names)
     reads = kind_named(kind)() if isinstance(kind, str) else kind
     measured = _measured_stems(table, reads, expected)
@@ -81,8 +80,10 @@ def load_measurements(
         data, poses = _read_long(table, q, reads, expected), _pose_keys(table, q)
     else:
         data = _read_wide(table, q, reads, expected)
-    data = replace(data, split=splits(table, poses, split, alone=session is None and alone), provenance=str(path))
+    data = replace(data, split=splits(whole, poses, split, alone=session is None and alone), provenance=str(path))
     data = replace(data, of=(replace(data.only, name=name or reads.name),))
+    if reads.constrains and "pose" not in table.columns:  # a posture touches one thing, and none here is called by name
+        data = replace(data, labels=tuple(f"{data.only.name} {label}" for label in data.labels))
     passed = {*known, *(layout.where or {}), *(c for n in layout.columns.values() if not isinstance(n, str) for c in n)}
     return replace(data, notes=(*notes(data, robot), *unread(table, passed, expected)))
 

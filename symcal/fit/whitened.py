@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.fit.residual_rows import Rows
-from symcal.model.growth import lengths
 from symcal.model.measurement import Measurement
 from symcal.parameters import ParameterSet
 
@@ -150,8 +149,7 @@ def whitened(rows: Rows, free: tuple[str, ...], reference: Array, prior_mean: Ar
 
 def _growth(measurement: Measurement, index: NDArray[np.intp], before: Beforehand) -> tuple[Array, Array]:
     """Direction of uniform growth among the sized parameters where no reading sees lengths, and those across it."""
-    parameters = measurement.parameters
-    grown = (lengths(parameters) / parameters.scales)[index][before.sized]
+    grown = (measurement.growth * measurement.parameters.scales)[index][before.sized]
     if measurement.sees_length or not grown.any():
         return np.zeros((0, grown.size)), np.eye(grown.size)
     _, _, rows = np.linalg.svd(grown[None])

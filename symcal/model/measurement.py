@@ -133,6 +133,8 @@ class Measurement:
     points: (q, x, setup) -> the points of the robot that are measured, in world, shape (3 k,), mm, and their Jacobian,
         shape (3 k, n).
     points_called: what the points of the setup are called as parameters.
+    growth: slope of the growth of all lengths by the errors, shape (n,), see `symcal.model.growth`; zero where nothing
+        asks for it.
     known: what is known between things; values: (q, x, setup) -> r and J of each, over its noise, whatever q is.
     """
 
@@ -144,6 +146,7 @@ class Measurement:
     jacobian: ca.Function
     accuracy: ca.Function
     points: ca.Function
+    growth: Array = field(default_factory=lambda: np.zeros(0))
     known: tuple[Observation, ...] = ()
     values: tuple[ca.Function, ...] = ()
 
@@ -174,8 +177,17 @@ class Measurement:
 
     @property
     def sees_length(self) -> bool:
-        """Whether any reading of a posture changes when all lengths grow by the same share."""
-        return any(o.instrument.sees_length for o in self.observations)
+        """Whether any reading of a posture changes when all lengths grow by the same share; a stroke is a length."""
+        strokes = not all(joint.revolute for joint in self.chain.robot.joints)
+        return strokes or any(o.instrument.sees_length for o in self.observations)
+
+    @property
+    def knows_length(self) -> bool:
+        """Whether a length is known that no posture reads: a value, a place, a point off its frame's origin."""
+        ends = [place for o in self.observations for place in (o.at, o.target.at)]
+        points = [xyz for o in self.observations for xyz in o.target.points.values() if not o.target.unknown]
+        placed = any(place.frame is not None and not place.unknown for place in ends)
+        return bool(self.known) or placed or any(xyz is not None and any(xyz) for xyz in points)
 
     @property
     def adrift(self) -> bool:

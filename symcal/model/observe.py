@@ -87,6 +87,7 @@ def observe(chain: Chain, *observations: Observation, values: tuple[Observation,
         points=kinematics.function(
             "points", state, {"p": ca.vertcat(*(p for p, _ in where)), "J": ca.vertcat(*(j for _, j in where))}
         ),
+        growth=scene.slope,
         known=values,
         values=tuple(_value(scene, f"v{i}", observation, state) for i, observation in enumerate(values)),
     )
@@ -205,6 +206,7 @@ class _Scene:
     """The numbers of a setup as symbols, in the order of `Setup.vector`; lives only inside `observe`.
 
     coordinates: of points, by what they are called as parameters. places: of frames. own: numbers of instruments.
+    slope: of the growth of all lengths, shape (n,).
     """
 
     chain: Chain
@@ -213,6 +215,7 @@ class _Scene:
     coordinates: dict[str, SX]
     places: dict[str, SX]
     own: dict[str, SX]
+    slope: np.ndarray
 
     @staticmethod
     def of(chain: Chain, observations: tuple[Observation, ...]) -> _Scene:
@@ -222,12 +225,15 @@ class _Scene:
         frames = {name: SX.sym("place", 12) for name in places_of(observations)}
         own = {name: SX.sym("own") for name in numbers_of(observations)}
         setup = ca.vertcat(chain.frames, *points.values(), *frames.values(), *own.values())
-        return _Scene(chain, setup, x, points, frames, own)
+        # only where something depends on it: postures that touch, or readings without lengths
+        asked = any(o.instrument.constrains or not o.instrument.sees_length for o in observations)
+        slope = growth_slope(chain) if asked else np.zeros(len(parameters))
+        return _Scene(chain, setup, x, points, frames, own, slope)
 
     @property
     def growth(self) -> tuple[SX, SX]:
         """g(x) and its slope, shape (1, n)."""
-        slope = SX(ca.DM(growth_slope(self.chain.parameters))).T
+        slope = SX(ca.DM(self.slope)).T
         return 1 + slope @ self.chain.x, slope
 
     def station(self, name: str, place: Place) -> Station:

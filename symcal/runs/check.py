@@ -123,10 +123,10 @@ def _no_length(model: Model) -> tuple[str, ...]:
     """That nothing which is read sees a length."""
     if model.measurement.sees_length:
         return ()
-    known = "; a known value is what tells" if model.measurement.known else ""
+    known = ", and only known values, places and points tell" if model.measurement.knows_length else ""
     return (
         "nothing that is read has a length: if all lengths of the arm, its points and its places grow by one share, "
-        f"nothing changes{known}. The plausible sizes hold that share, whatever the data say",
+        f"no reading changes{known}. The plausible sizes hold that share, whatever the data say",
     )
 
 

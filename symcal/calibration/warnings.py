@@ -31,6 +31,7 @@ _NONSENSE_TURN = np.deg2rad(20.0)
 _FAR = 0.03  # of the robot's length: postures that touch one thing are rarely so far from it by nominal kinematics
 _GROWN = 5.0  # of its plausible size: a growth of all lengths beyond is no calibration
 _LEAST_GROWN = 0.01
+_TOLD = 0.3  # of its plausible size: a growth that is known better is news to nobody
 _UNEVEN = 5.0  # times: contacts of one ball are about as good everywhere
 
 
@@ -172,6 +173,8 @@ def _unseen_length(model: Model, after: Fit) -> list[str]:
         )
     slope = measurement.growth[parameters.indices(after.free)]
     sigma = float(np.sqrt(slope @ after.posterior.covariance @ slope))
+    if sigma < _TOLD * size:
+        return []
     known = (
         "only known values, places and points tell" if measurement.knows_length else "nothing that was measured tells"
     )

@@ -129,7 +129,8 @@ class Task:
         """The observations whose errors judge: those that give points, else all that read the same as the first."""
         givers = tuple(o for o in self.observations if o.instrument.gives_point)
         first = self.observations[0].instrument
-        return givers or tuple(o for o in self.observations if o.instrument.error == first.error)
+        alike = (first.error, first.error_words)
+        return givers or tuple(o for o in self.observations if (o.instrument.error, o.instrument.error_words) == alike)
 
     @property
     def scene(self) -> Scene | None:

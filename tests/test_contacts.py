@@ -383,6 +383,10 @@ MISTAKES = {
         GAP.replace("instrument: distance", "instrument: fixed_point").replace("120", "[0, 0, 0]"),
         "a contact has no value",
     ),
+    "a value with an unknown of its own": (
+        GAP.replace("value:", "offset: unknown, value:"),
+        "unknown numbers of its own",
+    ),
     "a value that is no number": (GAP.replace("120", ".nan"), "NaN is not a number"),
     "readings without a joint between": (
         GAP.replace("value: 120", "data: {source: file, file: data.csv}")

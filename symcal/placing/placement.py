@@ -218,9 +218,8 @@ def _fit(state: State, data: Dataset, free: Iterable[str], options: Options, *, 
     model = state.model
     frames = set(model.frames)
     names = tuple(name for name in free if name in frames)
-    others = set(model.placement) - (
-        set() if alone else set(names)
-    )  # what is known of things counts once all of them are placed
+    # what is known between things counts once all of them are placed
+    others = set(model.placement) if alone else set(model.placement) - set(names)
     rows = rows_of(model.measurement, data, state.setup, model.residuals, others)
     return fit(rows, names, options, state.x, prior_mean=stated(model, state.setup))
 

@@ -21,8 +21,8 @@ _FORMS = {
     "chessboard": "chessboard:COLUMNSxROWS:SQUARE, such as chessboard:9x6:25mm (inner corners)",
     "circles": "circles:COLUMNSxROWS:SPACING, such as circles:9x7:20mm",
     "asymmetric_circles": "asymmetric_circles:COLUMNSxROWS:SPACING, such as asymmetric_circles:4x11:15mm",
-    "charuco": "charuco:COLUMNSxROWS:SQUARE:MARKER[:DICTIONARY], such as charuco:12x9:30mm:22mm (squares)",
-    "aprilgrid": "aprilgrid:COLUMNSxROWS:TAG:GAP[:DICTIONARY], such as aprilgrid:6x6:30mm:9mm (tags)",
+    "charuco": "charuco:COLUMNSxROWS:SQUARE:MARKER[:DICTIONARY], such as charuco:12x9:30mm:22mm (a square, its marker)",
+    "aprilgrid": "aprilgrid:COLUMNSxROWS:TAG:GAP[:DICTIONARY], such as aprilgrid:6x6:30mm:9mm (a tag, the gap)",
 }
 
 
@@ -123,6 +123,9 @@ def parse_board(text: str) -> Board:
     size, *details = rest.split(":")
     counts = re.fullmatch(r"(\d+)x(\d+)", size)
     lengths = 2 if kind in ("charuco", "aprilgrid") else 1
+    if lengths == 1 and len(details) > 1:
+        message = "marker size and dictionary belong to charuco boards, tags and gaps to an aprilgrid, and to no other"
+        raise InputError(message, key="board", found=text)
     if counts is None or not lengths <= len(details) <= 2 * lengths - 1 or not all(details):
         raise InputError(f"a board is {_FORMS[kind]}", key="board", found=text)
     columns, rows = int(counts[1]), int(counts[2])

@@ -1,8 +1,9 @@
-"""Cameras from lists of corners: OpenCV's numbers for every choice of fixed terms, SciPy's for what OpenCV cannot say."""
+"""Cameras from lists of corners: OpenCV's numbers for every choice of terms, SciPy's for what it cannot say."""
 
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -84,13 +85,11 @@ def test_every_choice_of_fixed_terms_agrees_with_opencv(
     fixed: tuple[str, ...], rng: np.random.Generator, tmp_path: Path
 ) -> None:
     seen = partial_views(rng)
-    found = calibrate_camera(
-        load_corners(written(tmp_path / "c.csv", BOARD.points, seen), (1000, 800)), fix=",".join(fixed)
-    )
+    corners = load_corners(written(tmp_path / "c.csv", BOARD.points, seen), (1000, 800))
+    found = calibrate_camera(corners, fix=",".join(fixed))
     rms, numbers, sigma = opencv(BOARD.points, seen, sum(FLAGS[name] for name in fixed))
     assert found.camera.rms_px == pytest.approx(rms, rel=1e-9)
-    assert [f"{value:.7g}" for value in found.camera.intrinsics] == [f"{value:.7g}" for value in numbers]
-    assert found.camera.intrinsics == pytest.approx(numbers, rel=1e-7, abs=1e-7)
+    assert np.all(np.abs(found.camera.intrinsics - numbers) <= 2e-6 * sigma)  # a digit or two beyond those printed
     assert found.sigma == pytest.approx(sigma, rel=1e-5, abs=1e-12)
     held = {name for names in fixed for name in names.split(",")}
     assert set(found.free) == set(INTRINSIC_NAMES) - held
@@ -247,10 +246,8 @@ def test_a_list_that_cannot_be_used_is_named_in_a_sentence(text: str, words: str
 def test_views_that_show_too_little_are_listed(tmp_path: Path) -> None:
     file = tmp_path / "corners.csv"
     few = "few,0,0,0,100,90\nfew,1,25,0,160,90\nfew,3,0,25,100,150\n"
-    line = (
-        "".join(f"line,{i},{25 * i},0,{100 + 60 * i},90\n" for i in range(3))
-        + "line,9,75,0,280,90\nline,10,100,0,340,90\n"
-    )
+    ids = (0, 1, 2, 9, 10)
+    line = "".join(f"line,{name},{25 * i},0,{100 + 60 * i},90\n" for i, name in enumerate(ids))
     but_one = line.replace("line", "but one") + "but one,3,0,25,100,150\n"
     same = "".join(
         f"same,{3 * j + i},{25 * i},{25 * j},100,{90 + 10 * i + 30 * j}\n" for i in range(3) for j in range(3)
@@ -265,12 +262,7 @@ def test_views_that_show_too_little_are_listed(tmp_path: Path) -> None:
         "same": "its 9 image points lie on one line",
     }
     with pytest.raises(RefusedError, match="2 views can be used, 3 or more are needed; few: it has 3 points"):
-        calibrate_camera(load_corners_of(file, corners, 2))
-
-
-def load_corners_of(file: Path, corners: CornerList, count: int) -> CornerList:
-    """The first so many views of a list."""
-    return CornerList(corners.points, corners.ids, corners.size, corners.views[:count], corners.refusals)
+        calibrate_camera(replace(corners, views=corners.views[:2]))
 
 
 def test_a_unit_less_length_is_taken_as_mm_and_said(tmp_path: Path) -> None:
@@ -288,19 +280,16 @@ def test_opencvs_photographs_give_the_published_numbers(symcal_data: Path) -> No
     folder = symcal_data / "opencv_left_right"
     if not folder.is_dir():
         pytest.skip(f"OpenCV's photographs are not in {symcal_data}")
-    seen = []
+    views = []
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
     for file in sorted(folder.glob("left*.jpg")):
         image = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
         found, corners = cv2.findChessboardCorners(image, (9, 6))
         assert found
-        criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
-        seen.append(
-            (np.arange(54), cv2.cornerSubPix(image, corners, (5, 5), (-1, -1), criteria).reshape(-1, 2).astype(float))
-        )
-    views = [
-        BoardDetection(str(i), (640, 480), ids, px, None, float("nan"), "list") for i, (ids, px) in enumerate(seen)
-    ]
-    found = calibrate_camera(CornerList(BOARD.points, tuple(map(str, range(54))), (640, 480), tuple(views)))
+        pixels = cv2.cornerSubPix(image, corners, (5, 5), (-1, -1), criteria).reshape(-1, 2).astype(float)
+        views.append(BoardDetection(file.name, (640, 480), np.arange(54), pixels, None, float("nan"), "list"))
+    names = tuple(str(i) for i in range(54))
+    found = calibrate_camera(CornerList(BOARD.points, names, (640, 480), tuple(views)))
     assert len(found.used) == 13
     published = [532.8272, 532.9460, 342.4868, 233.8557, -0.280882, 0.025179, 0.001217, -0.000136, 0.163433]
     digits = [4, 4, 4, 4, 6, 6, 6, 6, 6]

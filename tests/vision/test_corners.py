@@ -89,9 +89,7 @@ def test_every_choice_of_fixed_terms_agrees_with_opencv(
     found = calibrate_camera(corners, fix=",".join(fixed))
     rms, numbers, sigma = opencv(BOARD.points, seen, sum(FLAGS[name] for name in fixed))
     assert found.camera.rms_px == pytest.approx(rms, rel=1e-9)
-    assert np.all(
-        np.abs(found.camera.intrinsics - numbers) <= 5e-6 * sigma
-    )  # OpenCV itself varies by 2e-6
+    assert np.all(np.abs(found.camera.intrinsics - numbers) <= 5e-6 * sigma)  # OpenCV itself varies by 2e-6
     assert found.sigma == pytest.approx(sigma, rel=1e-5, abs=1e-12)
     held = {name for names in fixed for name in names.split(",")}
     assert set(found.free) == set(INTRINSIC_NAMES) - held

@@ -1,13 +1,15 @@
-"""A `Board` of kind charuco as OpenCV's own object, with its dictionary looked up by name."""
+"""A `Board` of kind charuco as OpenCV's own object, and its markers as bits."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import cv2
+import numpy as np
+from numpy.typing import NDArray
 
 from symcal.camera.board import Board
-from symcal.errors import InputError
+from symcal.vision.markers import marker_dictionary
 
 
 def charuco_board(board: Board, legacy: bool = False) -> Any:
@@ -19,20 +21,19 @@ def charuco_board(board: Board, legacy: bool = False) -> Any:
     Raises:
         InputError: no such dictionary, or the board needs more markers than it has.
     """
-    dictionary = charuco_dictionary(board)
-    marker = float(board.marker or 0.0)
-    needed = board.columns * board.rows // 2
-    if needed > len(dictionary.bytesList):
-        message = f"this board needs {needed} markers, more than its dictionary has"
-        raise InputError(message, key="board", found=f"{board.dictionary}, {len(dictionary.bytesList)} markers")
-    result = cv2.aruco.CharucoBoard((board.columns, board.rows), board.square, marker, dictionary)
+    size, marker = (board.columns, board.rows), float(board.marker or 0.0)
+    result = cv2.aruco.CharucoBoard(size, board.square, marker, marker_dictionary(board))
     result.setLegacyPattern(legacy)
     return result
 
 
-def charuco_dictionary(board: Board) -> Any:
-    """OpenCV's predefined dictionary of the board's name."""
-    names = [name for name in dir(cv2.aruco) if name.startswith("DICT_")]
-    if board.dictionary not in names:
-        raise InputError("unknown dictionary of markers", key="board", found=board.dictionary, allowed=names)
-    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
+def charuco_markers(board: Board) -> dict[tuple[int, int], NDArray[np.bool_]]:
+    """White bits of every marker with its black border of one bit, by the column and row of its (white) square."""
+    source, dictionary = charuco_board(board), marker_dictionary(board)
+    middles = np.array(source.getObjPoints(), dtype=np.float64)[:, :, :2].mean(axis=1)
+    bits = dictionary.markerSize + 2
+    out = {}
+    for number, middle in zip(np.ravel(source.getIds()), middles, strict=True):
+        column, row = np.floor(middle / board.square).astype(int).tolist()
+        out[column, row] = cv2.aruco.generateImageMarker(dictionary, int(number), bits, borderBits=1) > 0
+    return out

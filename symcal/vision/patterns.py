@@ -10,14 +10,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from symcal.camera.board import Board
 from symcal.camera.target import Target
-from symcal.vision.charuco import charuco_board, charuco_dictionary
+from symcal.vision.aprilgrid import tag_bits
+from symcal.vision.charuco import charuco_markers
 
 Float = NDArray[np.floating[Any]]
 Pattern = Callable[[Float, Float], Float]
@@ -40,7 +40,7 @@ class Plate:
 
 
 def board_plate(board: Board, circle_radius: float | None = None) -> Plate:
-    """A board on a white plate with a margin of one square around it.
+    """A board on a white plate with a margin of one square around it (of a gap more for an AprilTag grid).
 
     Args:
         board: any kind.
@@ -50,11 +50,14 @@ def board_plate(board: Board, circle_radius: float | None = None) -> Plate:
     points = board.points[:, :2]
     if board.kind in ("chessboard", "charuco"):
         points = np.concatenate([points - square, points + square])
-    low, high = points.min(axis=0) - square, points.max(axis=0) + square
+    margin = square + (board.gap or 0.0)
+    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
     if board.kind == "chessboard":
         face = _chessboard(board)
     elif board.kind == "charuco":
         face = _charuco(board)
+    elif board.kind == "aprilgrid":
+        face = _aprilgrid(board)
     else:
         face = _circles(board, circle_radius)
 
@@ -63,7 +66,7 @@ def board_plate(board: Board, circle_radius: float | None = None) -> Plate:
         return np.where(inside, face(x, y), np.nan)
 
     outline = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
-    return Plate(np.eye(4), pattern, outline, facing=-1)
+    return Plate(np.eye(4), pattern, outline, board.facing)
 
 
 def target_plates(target: Target, black: bool, margin: float) -> list[Plate]:
@@ -112,15 +115,11 @@ def _cell(coordinate: Float) -> NDArray[np.int32]:
 
 def _charuco(board: Board) -> Pattern:
     """Black squares, and in each white one its marker: a grid of bits in a black frame of one bit."""
-    source, dictionary = charuco_board(board), charuco_dictionary(board)
-    bits = dictionary.markerSize + 2
-    corners = np.array(source.getObjPoints(), dtype=np.float64)[:, 0, :2]
-    side = board.marker or board.square
+    markers = charuco_markers(board)
+    bits, side = len(next(iter(markers.values()))), board.marker or board.square
     grid = np.zeros((board.rows, board.columns, bits, bits))
-    for number, corner in zip(np.ravel(source.getIds()), corners, strict=True):
-        column, row = np.floor((corner + side / 2) / board.square).astype(int)
-        grid[row, column] = cv2.aruco.generateImageMarker(dictionary, int(number), bits, borderBits=1) / 255
-        grid[row, column] += 2  # a white square: its marker's bits, and white around them
+    for (column, row), white in markers.items():
+        grid[row, column] = white + 2.0  # a white square: its marker's bits, and white around them
 
     def face(x: Float, y: Float) -> Float:
         column, row = _cell(x / board.square), _cell(y / board.square)
@@ -137,9 +136,32 @@ def _charuco(board: Board) -> Pattern:
     return face
 
 
+def _aprilgrid(board: Board) -> Pattern:
+    """Tags, y upwards, and black squares in the gaps at their corners, which make every corner a crossing."""
+    tags = np.array([tag_bits(board, number)[::-1] for number in range(board.columns * board.rows)])
+    bits, pitch = tags.shape[1], board.square + (board.gap or 0.0)
+
+    def face(x: Float, y: Float) -> Float:
+        column, row = _cell(x / pitch), _cell(y / pitch)
+        i, j = _cell((x - column * pitch) / board.square * bits), _cell((y - row * pitch) / board.square * bits)
+        crossing = (i >= bits) & (j >= bits) & (column >= -1) & (column < board.columns)
+        crossing &= (row >= -1) & (row < board.rows)
+        on_tag = (i < bits) & (j < bits) & (column >= 0) & (column < board.columns) & (row >= 0) & (row < board.rows)
+        number = np.where(on_tag, row * board.columns + column, 0)
+        white = tags[number, np.clip(j, 0, bits - 1), np.clip(i, 0, bits - 1)]
+        return np.where(on_tag, np.where(white, 1.0, 0.0), np.where(crossing, 0.0, 1.0))
+
+    return face
+
+
+def dot_radius(board: Board) -> float:
+    """Radius of the dots of a grid as it is printed: 0.3 of the distance between neighbours, mm."""
+    return 0.3 * board.square * (np.sqrt(2) if board.kind == "asymmetric_circles" else 1.0)
+
+
 def _circles(board: Board, radius: float | None) -> Pattern:
     skewed = board.kind == "asymmetric_circles"
-    size = radius if radius is not None else 0.3 * board.square * (np.sqrt(2) if skewed else 1.0)
+    size = radius if radius is not None else dot_radius(board)
 
     def face(x: Float, y: Float) -> Float:
         # The nearest dot: of a square lattice, or of one turned by 45 deg, its axes along the sum and difference.

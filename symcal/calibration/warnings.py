@@ -6,12 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammainccinv
 
+from symcal.calibration.length import unseen_length
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Fit
 from symcal.fit.noise import known_sigma, spread_of
 from symcal.fit.residual_rows import rows_of
-from symcal.model.growth import growth, growth_slope, lengths
+from symcal.model.growth import lengths
 from symcal.model.measurement import Part
 from symcal.model.model import Model, State
 from symcal.placing.registration import LEVER
@@ -156,10 +157,10 @@ def _unseen_length(model: Model, after: Fit) -> list[str]:
     Raises:
         RefusedError: the fit has shrunk or stretched the arm.
     """
-    measurement, parameters = model.measurement, model.parameters
-    if measurement.sees_length:
+    length, parameters = unseen_length(model, after), model.parameters
+    if length is None:
         return []
-    grown = growth(parameters, after.x) - 1
+    grown = length.growth
     free = parameters.indices([name for name in after.free if name in model.robot.parameters])
     size = 1 / max(float(np.linalg.norm((lengths(parameters) / parameters.scales)[free])), 1e-12)
     if abs(grown) > max(_GROWN * size, _LEAST_GROWN):
@@ -169,12 +170,12 @@ def _unseen_length(model: Model, after: Fit) -> list[str]:
             "file, state the lengths better ('scales'), or add something that has a length: a known distance between "
             "two sockets ('value'), known places, an instrument that reads lengths"
         )
-    slope = growth_slope(parameters)[parameters.indices(after.free)]
-    sigma = float(np.sqrt(slope @ after.posterior.covariance @ slope))
-    known = "only known values between things tell" if measurement.known else "nothing that was measured tells"
+    known = "only known values between things tell" if length.known else "nothing that was measured tells"
+    contacts = all(o.instrument.constrains for o in model.task.observations)
     return [
-        f"{known} how long the arm is: contacts are the same if all lengths grow by one share. That share is held by "
-        f"the plausible sizes of the lengths, to {sigma:.2%} (one standard deviation)"
+        f"{known} how long the arm is: {'contacts are' if contacts else 'what was read is'} the same if all lengths "
+        f"grow by one share. That share is held by the plausible sizes of the lengths, to {length.sigma:.2%} (one "
+        "standard deviation)"
     ]
 
 

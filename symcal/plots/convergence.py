@@ -17,14 +17,14 @@ from symcal.words import number, plural
 
 
 def convergence(calibration: Calibration, parts: Mapping[str, Dataset]) -> Illustration:
-    """Rms error after every accepted step.
+    """Rms error after every accepted step; places that only held-out poses tell are fitted to these at each.
 
     Args:
         parts: the measurements of `train`, and of `test` if there are any.
     """
-    fit = calibration.after
+    fit, unplaced = calibration.after, calibration.states["after"].unplaced
     errors = {
-        part: [evaluate(State(calibration.model, fit.setup, x), data) for x in fit.path]
+        part: [evaluate(State(calibration.model, fit.setup, x, unplaced), data) for x in fit.path]
         for part, data in parts.items()
         if part in ("train", "test") and len(data)
     }
@@ -67,6 +67,7 @@ def convergence(calibration: Calibration, parts: Mapping[str, Dataset]) -> Illus
         f"Rms {last.title} over the training poses: {number(float(train[0]))} {last.unit} at the start (nominal, "
         f"frames fitted), {number(float(train[-1]))} {last.unit} after {plural(int(steps[-1]), 'accepted step')}"
         + (f", 99 % of the way after {enough}" if fall > 0 else "")
+        + ("; at each the places of the held-out poses are fitted to these anew" if unplaced and "test" in curves else "")
         + ". Steps go on over the rounds in which the noise and the size of the errors are found anew. "
         f"The last word: {fit.message}."
     )

@@ -29,7 +29,8 @@ _AXES = ("x", "y", "z")
 
 
 def residuals_per_axis(errors: Comparison, against: str = "noisy measurement") -> Illustration:
-    """Components of the error of every observation (of points x, y, z in world), before and after, with histograms.
+    """Components of the error of every observation (of points x, y, z in world, of contacts along their place's axes),
+    before and after, with histograms.
 
     Where the errors before are so much larger that those after would be a line, only the latter are drawn.
 
@@ -56,8 +57,8 @@ def residuals_per_axis(errors: Comparison, against: str = "noisy measurement") -
             dress(series, at, titles(errors, parts) if i == 0 else ())
             series.set_ylabel(labels[i])
         axes[0, 0].set_ylim(-limit, limit)
-        axes[-1, 0].set_xlabel("observation, in the order of the measurement")
-        axes[-1, 1].set_xlabel("observations")
+        axes[-1, 0].set_xlabel(f"{judged.counted}, in the order of the measurement")
+        axes[-1, 1].set_xlabel(f"{judged.counted}s")
         legend(figure, list(pooled), markers=True, lines=False)
     caption = _caption(judged, pooled["after"], against.removeprefix("noisy "))
     if hidden:
@@ -99,9 +100,12 @@ def _caption(errors: Errors, after: Array, against: str) -> str:
     """Args: after: components of all observations after the identification, shape (k, d)."""
     mean, spread = (_each(errors, values) for values in (after.mean(axis=0), after.std(axis=0)))
     what = f"components of the {errors.title}" if len(errors.names) > 1 else errors.title
-    where = " in world" if errors.names == _AXES else ""
+    where = f" along the axes of {errors.axes}" if errors.axes != "world" else " in world"
+    where = where if errors.names == _AXES else ""
+    touched = errors.counted == "contact"
+    difference = "where the model has the point, seen from its place" if touched else f"model minus {against}"
     return (
-        f"{opening(what)}{where}, model minus {against}, of {plural(len(after), 'observation')}; histograms over all "
+        f"{opening(what)}{where}, {difference}, of {plural(len(after), errors.counted)}; histograms over all "
         f"of them. After the identification the mean is {mean}, the standard deviation {spread}. A pattern over the "
         "poses would be an effect that the model lacks."
     )

@@ -14,6 +14,7 @@ from symcal.parameters import FRAME_AXES
 from symcal.report.handover import handover_text
 from symcal.report.images import images_text
 from symcal.report.instruments import instruments_text
+from symcal.report.known import known_table, unseen_length
 from symcal.report.learnt import learnt_and_assumed
 from symcal.report.measured import (
     Facts,
@@ -69,8 +70,10 @@ def identification_text(content: Content) -> dict[str, Any]:
         "instruments": instruments_text(content),
         "images": images_text(content),
         "identifiability": _identifiability(content),
-        "parameters": parameter_table(content["identification"]["parameters"]),
+        "parameters": parameter_table(content["identification"]["parameters"], content.get("settled", {})),
         "frames": _frames(content),
+        "frames_note": _frames_note(content),
+        "known": known_table(content.get("known", {})),
         "handover": handover_text(content),
         "facts": _facts(content),
         "inputs": [[path, digest] for path, digest in content["inputs"].items()],
@@ -115,7 +118,7 @@ def _accuracy(content: Content) -> dict[str, Any]:
         groups.append({"label": _group_label(content, part), "rows": rows})
     angles = "orientation_deg" in quantities
     note = (
-        f"{'Sizes of errors' if what.scalar else 'Euclidean norms'} over observations"
+        f"{'Sizes of errors' if what.scalar else 'Euclidean norms'} over {what.counted}s"
         f"{', rotation angles over poses' if angles else ''}, "
         f"against the {content['against']}{' unless the truth is named' if 'truth' in parts else ''}. 'Before' is the "
         f"nominal kinematics with {fitted_before(content)} fitted on the training poses; 95 % of the errors are below "
@@ -129,6 +132,8 @@ def _whose(content: Content, what: Judged) -> str:
     """Whose errors the table and the figures have, where several instruments measured."""
     if len(observers(content)) < 2:
         return ""
+    if what.reader is None and not what.of_tool:
+        return " Here and in the figures they are those of all together; those of every one are under Instruments."
     whose = "the instruments that read whole points" if what.reader is None else what.reader
     return f" Here and in the figures they are those of {whose}; those of every instrument are under Instruments."
 
@@ -140,7 +145,8 @@ def _fitted_to_them(content: Content, what: Judged) -> str:
         return ""
     return (
         f" {plural(facts['fitted'], 'parameter')} of places and points, of which no training pose tells anything, were "
-        "fitted to the readings that judge; they are taken off the count in the rms."
+        f"fitted to the {'contacts' if judged(content).touched else 'readings'} that judge; they are taken off the "
+        "count in the rms."
     )
 
 
@@ -164,7 +170,8 @@ def _cell(value: float, decimals: int | None) -> str:
 def _group_label(content: Content, part: str) -> str:
     facts = content["accuracy"][part]
     folds = f", {facts['folds']} folds" if "folds" in facts else ""
-    label = f"{_PARTS[part]} ({plural(facts['after'][judged(content).key]['count'], 'observation')}{folds})"
+    what = judged(content)
+    label = f"{_PARTS[part]} ({plural(facts['after'][what.key]['count'], what.counted)}{folds})"
     return f"{label}: these judge" if part == judging_part(content) and part != "train" else label
 
 
@@ -194,6 +201,7 @@ def _identifiability(content: Content) -> dict[str, Any]:
     return {
         "text": text,
         "learning": learning.strip(),
+        "length": unseen_length(content),
         "hidden": _hidden(total - rank),
         "unseen": [_unseen(entry) for entry in seen["unseen"]],
     }
@@ -228,6 +236,7 @@ def _frames(content: Content) -> list[dict[str, Any]]:
     """Frames of robot, instruments and targets, then the points."""
     frames, instruments = content.get("frames", {}), observers(content)
     estimated, unknown = content["measurement"].get("estimate", []), unknowns(instruments)
+    settled = content.get("settled", {}).get("things", [])
     rows: list[dict[str, Any]] = []
     for name, frame in frames.items():
         if name != _POINTS:
@@ -236,7 +245,8 @@ def _frames(content: Content) -> list[dict[str, Any]]:
                 {
                     "label": _frame_label(name, instruments),
                     "cells": cells,
-                    "estimated": _how_far(name, unknown) or ("estimated" if name in estimated else ""),
+                    "estimated": _settled(_how_far(name, unknown), name in settled)
+                    or ("estimated" if name in estimated else ""),
                 }
             )
     for name, xyz in frames.get(_POINTS, {}).items():
@@ -246,10 +256,19 @@ def _frames(content: Content) -> list[dict[str, Any]]:
             {
                 "label": f"point {name} in {target if target in frames else stands_on(target, instruments)}",
                 "cells": [*(fixed(v, 3) for v in xyz), "", "", ""],
-                "estimated": "estimated" if (called in unknown if instruments else "points" in estimated) else "",
+                "estimated": _settled("estimated", called in settled)
+                if (called in unknown if instruments else "points" in estimated)
+                else "",
             }
         )
     return rows
+
+
+def _frames_note(content: Content) -> str:
+    note = "Rotation R = Rz(yaw) Ry(pitch) Rx(roll)."
+    if content.get("settled", {}).get("things"):
+        note += " What comes from held-out poses was fitted to these alone, the identified robot held."
+    return note
 
 
 def _how_far(name: str, unknown: Collection[str]) -> str:
@@ -258,6 +277,11 @@ def _how_far(name: str, unknown: Collection[str]) -> str:
     if len(axes) in (0, len(FRAME_AXES)):
         return "estimated" if axes else ""
     return f"{', '.join(axes)} estimated"
+
+
+def _settled(words: str, later: bool) -> str:
+    """Where held-out poses alone told a place."""
+    return words.replace("estimated", "from held-out poses") if later else words
 
 
 def _frame_label(name: str, instruments: Facts) -> str:
@@ -280,7 +304,7 @@ def _facts(content: Content) -> list[list[str]]:
     facts = [
         ["solver", f"{solver}, {plural(found['iterations'], 'accepted step')}; {found['message']}"],
         ["noise", noise_words(content)],
-        ["sizes", _sizes(found)],
+        ["sizes", _sizes(found, sees_length=content["measurement"].get("sees_length", True))],
         [
             "degrees of freedom",
             f"{fixed(found['dof'], 1)}: {found['equations']} equations less {fixed(found['effective_parameters'], 1)} "
@@ -294,7 +318,7 @@ def _facts(content: Content) -> list[list[str]]:
     return facts
 
 
-def _sizes(found: Mapping[str, Any]) -> str:
+def _sizes(found: Mapping[str, Any], *, sees_length: bool) -> str:
     """The common factor on the plausible sizes of link errors, and what it means."""
     factor = found["scale_factor"]
     if not found["scale_factor_estimated"]:
@@ -305,4 +329,7 @@ def _sizes(found: Mapping[str, Any]) -> str:
         means = "this robot's errors are smaller than was thought plausible"
     else:
         means = "this robot's errors are about as large as was thought plausible"
-    return f"{number(factor)} times the plausible sizes of the link parameters' errors (estimated): {means}"
+    text = f"{number(factor)} times the plausible sizes of the link parameters' errors, by marginal likelihood: {means}"
+    if sees_length:
+        return text
+    return f"{text}. The growth of all lengths by one share is held at its stated size whatever the factor"

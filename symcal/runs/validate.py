@@ -80,7 +80,7 @@ def validate_robot(
         "measurement": results.measurement_facts(task, {"test": len(new)}) | {"refit": list(refit)},
         "warnings": list(new.notes),
         "accuracy": {"test": results.accuracy_facts(errors)},
-        "against": "noisy measurement",
+        "against": results.against(task),
     }
     if out is not None:
         with run_folder(out) as folder:

@@ -14,7 +14,7 @@ from matplotlib.transforms import ScaledTranslation
 from numpy.typing import NDArray
 
 from symcal.calibration.evaluate import Errors, evaluate_each, pooled
-from symcal.calibration.held_out_places import held_out_places
+from symcal.calibration.held_out_places import HeldOutPlaces, held_out_places
 from symcal.calibration.identify import Calibration
 from symcal.data.dataset import Dataset
 from symcal.model.contact import constraints
@@ -55,14 +55,16 @@ class _Place:
         return " → ".join(number(errors.statistics.rms) for errors in (self.before, self.after)) + " mm"
 
 
-def contacts(calibration: Calibration, data: Dataset) -> Illustration:
+def contacts(calibration: Calibration, data: Dataset, found: HeldOutPlaces | None = None) -> Illustration:
     """Left: the arm in a few of its postures, on what it touches. Right: where the touching point comes to lie about
     its place before (hollow) and after (filled), along the place's axes; of planes the heights.
 
+    Args:
+        found: what the held-out poses told of the identified state; found here when None.
     Raises:
         ValueError: nothing is touched.
     """
-    places = _places(calibration, data)
+    places = _places(calibration, data, found or held_out_places(calibration.states["after"], data.part("test")))
     if not places:
         raise ValueError("nothing here is touched")
     shown = _chosen(places)
@@ -76,14 +78,12 @@ def contacts(calibration: Calibration, data: Dataset) -> Illustration:
     return Illustration(_headed(settle(figure), rows), "contacts", "Contacts", _caption(places, shown))
 
 
-def _places(calibration: Calibration, data: Dataset) -> list[_Place]:
+def _places(calibration: Calibration, data: Dataset, found: HeldOutPlaces) -> list[_Place]:
     """Everything that is touched, those that training poses tell first."""
     model, states = calibration.model, calibration.states
-    test = data.part("test")
-    found = held_out_places(states["after"], test)
     setup = model.moved(found.state.setup, found.state.x)
     errors: dict[str, list[tuple[Errors, Errors, Array]]] = {}
-    for part in (data.part("train"), test):
+    for part in (data.part("train"), data.part("test")):
         if len(part):
             before, after = (evaluate_each(states[name], part) for name in ("before", "after"))
             for name in after:
@@ -105,7 +105,7 @@ def _chosen(places: list[_Place]) -> list[_Place]:
     return [place for place in places if any(place is chosen for chosen in by_size)]
 
 
-# --------------------------------------------------------------------------------------------------------- left: the arm
+# -------------------------------------------------------------------------------------------------------- left: the arm
 
 
 def _space(figure: Figure, cell: Any, calibration: Calibration, places: list[_Place], shown: list[_Place]) -> None:

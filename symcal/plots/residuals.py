@@ -25,6 +25,7 @@ from symcal.words import listed, number, plural
 Array = NDArray[np.float64]
 
 _BINS = 41
+_ROUNDING = 1e-6  # of the standard deviation: a mean below is none
 _AXES = ("x", "y", "z")
 
 
@@ -98,7 +99,9 @@ def _draw(series: Axes, histogram: Axes, states: Mapping[str, Array], at: Array,
 
 def _caption(errors: Errors, after: Array, against: str) -> str:
     """Args: after: components of all observations after the identification, shape (k, d)."""
-    mean, spread = (_each(errors, values) for values in (after.mean(axis=0), after.std(axis=0)))
+    average, deviation = after.mean(axis=0), after.std(axis=0)
+    average = np.where(np.abs(average) > _ROUNDING * deviation, average, 0.0)  # fitted places leave none
+    mean, spread = _each(errors, average), _each(errors, deviation)
     what = f"components of the {errors.title}" if len(errors.names) > 1 else errors.title
     where = f" along the axes of {errors.axes}" if errors.axes != "world" else " in world"
     where = where if errors.names == _AXES else ""

@@ -147,15 +147,21 @@ def noise_groups(found: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 
 def noise_words(content: Content) -> str:
     """`standard deviation 0.05 mm per axis of position (given)`."""
-    sizes = {q["noise"]: q["size"] for facts in observers(content) for q in facts["quantities"]}
-    touched = {facts.get("entry", facts["name"]) for facts in observers(content) if facts.get("constrains")}
     parts = []
     for group, noise in noise_groups(content["identification"]).items():
-        several = sizes.get(noise["quantity"], 3) > 1 and group.endswith(noise["quantity"])
         how = "estimated from the training data" if group in _estimated(content) else "given"
-        what = _of_contacts(group, noise) if noise.get("instrument") in touched else group
-        parts.append(f"{number(noise['sigma'])} {noise['unit']} {'per axis ' if several else ''}of {what} ({how})")
+        parts.append(f"{noise_phrase(group, noise, content)} ({how})")
     return "standard deviation " + ", ".join(parts) if parts else "given with each measurement"
+
+
+def noise_phrase(group: str, noise: Mapping[str, Any], content: Content) -> str:
+    """`0.05 mm per axis of position`."""
+    sizes = {q["noise"]: q["size"] for facts in observers(content) for q in facts["quantities"]}
+    touched = {facts.get("entry", facts["name"]) for facts in observers(content) if facts.get("constrains")}
+    several = sizes.get(noise["quantity"], 3) > 1 and group.endswith(noise["quantity"])
+    what = _of_contacts(group, noise) if noise.get("instrument") in touched else group
+    what = f"the {what}" if noise["unit"] == "px" else what
+    return f"{number(noise['sigma'])} {noise['unit']} {'per axis ' if several else ''}of {what}"
 
 
 def _of_contacts(group: str, noise: Mapping[str, Any]) -> str:

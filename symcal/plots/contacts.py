@@ -27,7 +27,9 @@ from symcal.words import listed, number, plural
 
 Array = NDArray[np.float64]
 
-_ROWS = 6  # places whose residuals are drawn
+ROWS = 6
+"""Places whose residuals are drawn."""
+
 _FEW = 3  # rows that leave room for large panels
 _LARGE, _SMALL = 26.0, 19.5  # height of a row, mm
 _ARMS = 4  # postures in which the arm is drawn
@@ -55,19 +57,22 @@ class _Place:
         return " → ".join(number(errors.statistics.rms) for errors in (self.before, self.after)) + " mm"
 
 
-def contacts(calibration: Calibration, data: Dataset, found: HeldOutPlaces | None = None) -> Illustration:
+def contacts(
+    calibration: Calibration, data: Dataset, found: HeldOutPlaces | None = None, most: int = ROWS
+) -> Illustration:
     """Left: the arm in a few of its postures, on what it touches. Right: where the touching point comes to lie about
     its place before (hollow) and after (filled), along the place's axes; of planes the heights.
 
     Args:
-        found: what the held-out poses told of the identified state; found here when None.
+        found: what the held-out poses told of the identified state; found here when None. most: places whose
+            residuals are drawn.
     Raises:
         ValueError: nothing is touched.
     """
     places = _places(calibration, data, found or held_out_places(calibration.states["after"], data.part("test")))
     if not places:
         raise ValueError("nothing here is touched")
-    shown = _chosen(places)
+    shown = _chosen(places, most)
     with print_settings():
         figure = sheet(WIDE, 18 + max((_LARGE if len(shown) <= _FEW else _SMALL) * len(shown), 2 * _LARGE))
         figure.suptitle(" ", fontsize=6.5)  # room for the heads of the columns
@@ -97,11 +102,11 @@ def _places(calibration: Calibration, data: Dataset, found: HeldOutPlaces) -> li
     return sorted(out, key=lambda place: place.held_out)
 
 
-def _chosen(places: list[_Place]) -> list[_Place]:
+def _chosen(places: list[_Place], most: int) -> list[_Place]:
     """Those whose residuals are drawn: the training ones, then held-out ones with the largest residuals, in order."""
-    if len(places) <= _ROWS:
+    if len(places) <= most:
         return places
-    by_size = sorted(places, key=lambda place: (place.held_out, -place.after.statistics.rms))[:_ROWS]
+    by_size = sorted(places, key=lambda place: (place.held_out, -place.after.statistics.rms))[:most]
     return [place for place in places if any(place is chosen for chosen in by_size)]
 
 

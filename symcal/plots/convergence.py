@@ -30,11 +30,8 @@ def convergence(
     """
     fit = calibration.after
     places = places or held_out_places(calibration.states["after"], parts.get("test"))
-    errors = {
-        part: _along(calibration, data, places)
-        for part, data in parts.items()
-        if part in ("train", "test") and len(data)
-    }
+    judging = {part: data for part, data in parts.items() if part in ("train", "test") and len(data)}
+    errors = {part: _along(calibration, data, places, held_out=part == "test") for part, data in judging.items()}
     curves = {part: np.array([rms(each) for each in path]) for part, path in errors.items()}
     last = errors["train"][-1]
     steps = np.arange(len(fit.path))
@@ -81,7 +78,7 @@ def convergence(
     return Illustration(settle(figure), "convergence", "Convergence", caption)
 
 
-def _along(calibration: Calibration, data: Dataset, places: HeldOutPlaces, held_out: bool) -> list[Errors]:
+def _along(calibration: Calibration, data: Dataset, places: HeldOutPlaces, *, held_out: bool) -> list[Errors]:
     """Errors on these poses at the start and after every accepted step."""
     fit, unplaced = calibration.after, calibration.states["after"].unplaced
     states = [State(calibration.model, fit.setup, x, unplaced) for x in fit.path]

@@ -67,13 +67,14 @@ def unseen_length(content: Content) -> dict[str, str] | None:
         if length["known"]
         else "Nothing that was measured tells that share: the plausible sizes of the lengths hold it"
     )
+    more = "over a longer way" if length["known"] else "between two places"
     return {
         "title": f"What {who} cannot see",
         "text": (
             f"How long the arm is. If all lengths grew by one share, those of the links and of the tool with the "
             f"distances between the places, {same}. {told}. It stands at {fixed(100 * length['growth'], 3)} % with a "
             f"standard deviation of {number(100 * length['sigma'], 2)} %, which is "
-            f"{number(_PER_METRE * length['sigma'], 2)} mm for each metre. A known distance over a longer way, or an "
+            f"{number(_PER_METRE * length['sigma'], 2)} mm for each metre. A known distance {more}, or an "
             "instrument that reads lengths, would tell it better; more postures would not."
         ),
     }

@@ -71,7 +71,7 @@ def _main(content: Content, part: str) -> str:
     angles = [content["accuracy"][part][state].get("orientation_deg") for state in ("before", "after")]
     what = judged(content)
     sentence = (
-        f"The robot's {what.error}{' that it touches' * what.touched}{_as_read(what)} {_moved(before, after)} from "
+        f"The robot's {what.error}{_as_read(what)} {_moved(before, after)} from "
         f"{number(before)} {what.unit} (nominal "
         f"kinematics, frames fitted) to {number(after)} {what.unit} rms on {_poses(content, part)}"
     )
@@ -85,6 +85,8 @@ def _main(content: Content, part: str) -> str:
 
 
 def _as_read(what: Judged) -> str:
+    if what.touched:
+        return " that it touches" + ("" if what.reader is None else f" ({what.reader})")
     return "" if what.reader is None else f", as {what.reader} reads it,"
 
 

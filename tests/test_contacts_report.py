@@ -5,26 +5,36 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from identifications import content_of, simulated
+from identifications import SMR, content_of, identified, simulated
 from matplotlib.figure import Figure
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from symcal import plots
 from symcal.calibration.evaluate import evaluate_each
+from symcal.calibration.identify import baseline_model, calibrate
 from symcal.calibration.record import recorded_task
+from symcal.calibration.results import calibration_facts
 from symcal.cli.terminal import print_accuracy
 from symcal.errors import InputError
+from symcal.fit.estimation import Options
 from symcal.instruments.constraint import FixedPoint, Plane
+from symcal.instruments.distance import Distance
+from symcal.instruments.position import Position
+from symcal.model.observation import Observation, Place
+from symcal.model.task import Task
 from symcal.plots.plan_space import plan_in_space
 from symcal.report import write_report
 from symcal.report.identification import identification_text
 from symcal.report.instruments import instruments_text
 from symcal.report.measured import noise_words, observers_named
+from symcal.report.parameter_table import parameter_table
 from symcal.report.plan import plan_text
 from symcal.report.verdict import verdict
 from symcal.robot.robot import load_robot
@@ -35,7 +45,7 @@ from symcal.runs.load import load
 from symcal.runs.plan import plan_experiment
 from symcal.runs.plan import write as write_plan_run
 from symcal.runs.validate import validate_robot
-from symcal.words import number
+from symcal.words import fixed, number
 
 MIDDLE = (
     "measurements.middle={instrument: fixed_point, at: {on: base, place: unknown, near: {xyz: [500, 0, 20]}}, "
@@ -246,6 +256,34 @@ def test_many_sessions_are_named_by_their_entry() -> None:
     assert observers_named([one, *many, alone]) == (
         "tracker (positions), wire (distances, 9 sessions) and socket_front (contacts with a fixed point)"
     )
+
+
+def test_numbers_of_an_instrument_that_only_held_out_poses_have_are_said(configs: Path) -> None:
+    start = np.eye(4)
+    start[:3, 3] = 900.0, -700.0, 300.0
+    wire = Observation(Distance(offset=None), "wire", Place("world", start, unknown=True), SMR)
+    tracker = Observation(Position(), "tracker", target=SMR)
+    trained, data, _ = identified(configs, Task((wire, tracker), base=True), 40, 30)
+    z = data.z.copy()
+    z[np.ix_([split == "train" for split in data.split], [0])] = np.nan  # nothing of the wire was read in training
+    model, held_out = trained.model, replace(data, z=z)
+    found = calibrate(model, baseline_model(model), held_out, Options())
+    facts = json.loads(json.dumps(calibration_facts(found, held_out.part("test"))))
+    assert facts["settled"]["things"] == ["wire"]
+    place = facts["frames"]["wire"]["xyz_mm"]
+    points = model.points(held_out.part("test").q, found.after.x, found.after.setup.vector)[0].reshape(-1, 3)
+    read = held_out.part("test").z[:, 0]
+    best = least_squares(
+        lambda y: np.linalg.norm(points - y[:3], axis=1) + y[3] - read, [*start[:3, 3], 0.0], x_scale=[1, 1, 1, 1]
+    ).x
+    assert place == pytest.approx(best[:3], abs=1e-3)
+    assert facts["settled"]["numbers"]["wire_offset"]["value"] == pytest.approx(best[3], abs=1e-3)
+    table = parameter_table(facts["identification"]["parameters"], facts["settled"])
+    assert not [row["name"] for row in table["rows"] if row["name"].startswith("wire")]
+    assert f"The held-out poses give wire offset {fixed(best[3], 3)} mm." in " ".join(table["notes"])
+    nothing = calibration_facts(found, None)
+    assert "wire" not in nothing["frames"]
+    assert "wire_offset" in nothing["settled"]["unknown"]
 
 
 # ---------------------------------------------------------------------------------------------------------- the figures

@@ -17,7 +17,6 @@ from symcal.calibration.evaluate import Errors, evaluate_each, pooled
 from symcal.calibration.held_out_places import HeldOutPlaces, held_out_places
 from symcal.calibration.identify import Calibration
 from symcal.data.dataset import Dataset
-from symcal.model.contact import constraints
 from symcal.model.measurement import Setup
 from symcal.planning.skeleton import Skeleton, skeleton
 from symcal.plots.space import draw_arm, draw_face, draw_label, draw_points, space_axes
@@ -80,7 +79,9 @@ def contacts(
         _space(figure, cells[:, 0], calibration, places, shown)
         before, after = ([_limit(shown, i, flat=flat) for flat in (False, True)] for i in (0, 1))
         rows = [_row(figure, cells, i, place, before, after, calibration) for i, place in enumerate(shown)]
-    return Illustration(_headed(settle(figure), rows), "contacts", "Contacts", _caption(places, shown))
+    circles = any(not place.thing.flat and _noise(calibration, place.thing) is not None for place in shown)
+    caption = _caption(places, shown, circles=circles)
+    return Illustration(_headed(settle(figure), rows), "contacts", "Contacts", caption)
 
 
 def _places(calibration: Calibration, data: Dataset, found: HeldOutPlaces) -> list[_Place]:
@@ -126,7 +127,7 @@ def _space(figure: Figure, cell: Any, calibration: Calibration, places: list[_Pl
         if place.thing.flat
     }
     corners = np.vstack([*bodies, spots, *faces.values()])
-    axes = space_axes(figure, cell, corners, zoom=1.12 if len(shown) > _FEW else 0.98)
+    axes = space_axes(figure, cell, corners, zoom=1.12 if len(shown) > _FEW else 0.88)
     for face in faces.values():
         draw_face(axes, face, "#e8e8e8")
     for i, body in enumerate(reversed(bodies)):
@@ -276,7 +277,7 @@ def _headed(figure: Figure, rows: list[list[Axes]]) -> Figure:
     return figure
 
 
-def _caption(places: list[_Place], shown: list[_Place]) -> str:
+def _caption(places: list[_Place], shown: list[_Place], *, circles: bool) -> str:
     count = sum(len(place.q) for place in shown)
     flat = [place for place in shown if place.thing.flat]
     text = (
@@ -288,7 +289,7 @@ def _caption(places: list[_Place], shown: list[_Place]) -> str:
         + listed([f"{place.thing.name} {place.moved}" for place in shown])
         + "."
     )
-    if len(flat) < len(shown):
+    if circles:
         text += f" Dashed circles: {_NOISE:g} standard deviations of the contacts' noise."
     if any(place.held_out for place in shown):
         text += " Held-out places were fitted to their own contacts, the robot held."
@@ -300,6 +301,8 @@ def _caption(places: list[_Place], shown: list[_Place]) -> str:
     return text
 
 
-def has_contacts(calibration: Calibration) -> bool:
+def has_contacts(calibration: Calibration, data: Dataset) -> bool:
     """Whether there is anything to draw."""
-    return bool(constraints(calibration.model.measurement))
+    judged = data.take([split in ("train", "test") for split in data.split])
+    found = things(calibration.model.measurement, calibration.setup)
+    return any(bool(thing.part.seen(judged.z).any()) for thing in found)

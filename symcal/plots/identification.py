@@ -38,7 +38,7 @@ def identification_figures(
     figures = [
         errors_per_pose(errors, labels, against),
         error_distribution(errors[judged], judged, against=against),
-        *([contacts(calibration, data, places)] if has_contacts(calibration) else []),
+        *([contacts(calibration, data, places)] if has_contacts(calibration, data) else []),
         residuals_per_axis(errors, against),
         *([what_was_learnt(calibration), parameter_corrections(calibration)] if calibration.model.kinematic else []),
         convergence(calibration, parts, places),

@@ -105,8 +105,12 @@ def _caption(errors: Errors, after: Array, against: str) -> str:
     what = f"components of the {errors.title}" if len(errors.names) > 1 else errors.title
     where = f" along the axes of {errors.axes}" if errors.axes != "world" else " in world"
     where = where if errors.names == _AXES else ""
-    touched = errors.counted == "contact"
-    difference = "where the model has the point, seen from its place" if touched else f"model minus {against}"
+    difference = f"model minus {against}"
+    if errors.counted == "contact":
+        flat = len(errors.names) == 1
+        difference = (
+            "how high above it the model has the point" if flat else "where the model has the point, seen from it"
+        )
     return (
         f"{opening(what)}{where}, {difference}, of {plural(len(after), errors.counted)}; histograms over all "
         f"of them. After the identification the mean is {mean}, the standard deviation {spread}. A pattern over the "

@@ -7,25 +7,22 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from symcal.parameters import FRAME_AXES
+from symcal.report.frames import frame_table, frames_note
 from symcal.report.handover import handover_text
 from symcal.report.images import images_text
 from symcal.report.instruments import instruments_text
 from symcal.report.known import known_table, unseen_length
 from symcal.report.learnt import learnt_and_assumed
 from symcal.report.measured import (
-    Facts,
     Judged,
     fitted_before,
     judged,
     noise_words,
     observers,
     observers_named,
-    stands_on,
-    unknowns,
 )
 from symcal.report.parameter_table import parameter_table
 from symcal.report.verdict import judging_part, usable, verdict
@@ -45,8 +42,6 @@ _PARTS = {
     "train": "training poses",
     "truth": "simulated test poses, against the truth",
 }
-_OF_THE_ROBOT, _CAMERA = ("base", "tool"), "camera"
-_POINTS = "points_mm"
 _COLUMNS = ("rms", "mean", "p95", "max")
 _MOST_NAMED = 8  # parameters of an unseen direction that are named in the report
 _AS_STATED = 1.15  # a factor on the sizes nearer to one than this is no news
@@ -71,8 +66,8 @@ def identification_text(content: Content) -> dict[str, Any]:
         "images": images_text(content),
         "identifiability": _identifiability(content),
         "parameters": parameter_table(content["identification"]["parameters"], content.get("settled", {})),
-        "frames": _frames(content),
-        "frames_note": _frames_note(content),
+        "frames": frame_table(content),
+        "frames_note": frames_note(content),
         "known": known_table(content.get("known", {})),
         "handover": handover_text(content),
         "facts": _facts(content),
@@ -229,73 +224,7 @@ def _unseen(entry: Mapping[str, Any]) -> str:
     return text if text.endswith(".") else f"{text}."
 
 
-# -------------------------------------------------------------------------------------------- frames, how it was made
-
-
-def _frames(content: Content) -> list[dict[str, Any]]:
-    """Frames of robot, instruments and targets, then the points."""
-    frames, instruments = content.get("frames", {}), observers(content)
-    estimated, unknown = content["measurement"].get("estimate", []), unknowns(instruments)
-    settled = content.get("settled", {}).get("things", [])
-    rows: list[dict[str, Any]] = []
-    for name, frame in frames.items():
-        if name != _POINTS:
-            cells = [fixed(v, 3) for v in frame["xyz_mm"]] + [fixed(v, 4) for v in frame["rpy_deg"]]
-            rows.append(
-                {
-                    "label": _frame_label(name, instruments),
-                    "cells": cells,
-                    "estimated": _settled(_how_far(name, unknown), name in settled)
-                    or ("estimated" if name in estimated else ""),
-                }
-            )
-    for name, xyz in frames.get(_POINTS, {}).items():
-        target = _target_of(name, instruments)
-        called = f"tool_{name}" if target == "tool" else name
-        rows.append(
-            {
-                "label": f"point {name} in {target if target in frames else stands_on(target, instruments)}",
-                "cells": [*(fixed(v, 3) for v in xyz), "", "", ""],
-                "estimated": _settled("estimated", called in settled)
-                if (called in unknown if instruments else "points" in estimated)
-                else "",
-            }
-        )
-    return rows
-
-
-def _frames_note(content: Content) -> str:
-    note = "Rotation R = Rz(yaw) Ry(pitch) Rx(roll)."
-    if content.get("settled", {}).get("things"):
-        note += " What comes from held-out poses was fitted to these alone, the identified robot held."
-    return note
-
-
-def _how_far(name: str, unknown: Collection[str]) -> str:
-    """What of a place was estimated: of some instruments neither all turns nor all shifts mean anything."""
-    axes = [axis for axis in FRAME_AXES if f"{name}_{axis}" in unknown]
-    if len(axes) in (0, len(FRAME_AXES)):
-        return "estimated" if axes else ""
-    return f"{', '.join(axes)} estimated"
-
-
-def _settled(words: str, later: bool) -> str:
-    """Where held-out poses alone told a place."""
-    return words.replace("estimated", "from held-out poses") if later else words
-
-
-def _frame_label(name: str, instruments: Facts) -> str:
-    """`base in world`; of an instrument or a target its name, and on what it stands."""
-    on = stands_on(name, instruments)
-    if name in _OF_THE_ROBOT or (name == _CAMERA and on in (None, "world")):
-        return f"{name} in {'flange' if name == 'tool' else 'world'}"
-    return f"{name} on {on}" if on else name
-
-
-def _target_of(point: str, instruments: Facts) -> str:
-    """The target whose name a point's begins with; the tool, whose points have no other."""
-    others = {facts["target"] for facts in instruments} - {"tool"}
-    return max((target for target in others if point.startswith(f"{target}_")), key=len, default="tool")
+# ------------------------------------------------------------------------------------------------------ how it was made
 
 
 def _facts(content: Content) -> list[list[str]]:

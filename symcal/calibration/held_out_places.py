@@ -32,7 +32,7 @@ class HeldOutPlaces:
 
 def held_out_places(state: State, held_out: Dataset | None) -> HeldOutPlaces:
     """What a state has unplaced, fitted to the held-out poses as they judge it; None or no pose: nothing tells it."""
-    if held_out is None or len(held_out) == 0:
+    if not state.unplaced or held_out is None or len(held_out) == 0:
         return HeldOutPlaces(state, (), state.unplaced)
     told = set(placed_by(state.model, held_out))
     found = tuple(name for name in state.unplaced if name in told)

@@ -162,7 +162,7 @@ def _unplaced(names: Sequence[str]) -> list[str]:
     more = f" and {len(things) - _NAMED} more" if len(things) > _NAMED + 1 else ""
     shown = things[:_NAMED] if more else things
     return [
-        f"where {', '.join(shown)}{more} {'is' if len(things) == 1 else 'are'} no training pose tells: fitted to the "
+        f"no training pose tells where {', '.join(shown)}{more} {'is' if len(things) == 1 else 'are'}: fitted to the "
         "held-out poses with the robot held, and as many degrees of freedom are taken off their rms"
     ]
 

@@ -161,9 +161,9 @@ def _found_in_training(robot: Robot) -> list[str]:
     assert robot.record is not None
     found = []
     for each in robot.record.provenance.get("measurements", {}).values():
-        unknown = each["unknown"]
-        found += [each["names"]["place"]] * bool(unknown["place"])
-        found += [each["target"]["name"]] * bool(unknown["target"])
+        unknown = each.get("unknown", {})
+        found += [each["names"]["place"]] * bool(unknown.get("place"))
+        found += [each["target"]["name"]] * bool(unknown.get("target"))
     return list(dict.fromkeys(found))
 
 

@@ -14,6 +14,10 @@ ANGLE: dict[str, float] = {"rad": 1.0, "deg": math.pi / 180, "mrad": 1e-3}
 """rad per unit."""
 PIXEL: dict[str, float] = {"px": 1.0}
 """px per unit."""
+DEGREES = 180 / math.pi
+"""deg per rad."""
+SHOWN_UNITS: dict[str, str] = {"mm": "mm", "rad": "deg", "px": "px"}
+"""In what people are shown the program's units."""
 
 
 def split_unit(column: str) -> tuple[str, str | None]:

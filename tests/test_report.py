@@ -258,8 +258,8 @@ def test_two_instruments_are_told_apart(both: dict[str, Any], tmp_path: Path) ->
     assert text["verdict"][0].endswith(" on 12 held-out observations.")
     assert "those of the instruments that read whole points" in text["accuracy"]["note"]
     noise = both["identification"]["noise"]
-    for row, name, reads in zip(
-        text["instruments"]["rows"], ("wire", "tracker"), ("distances", "positions"), strict=True
+    for group, name, reads in zip(
+        text["instruments"]["groups"], ("wire", "tracker"), ("distances", "positions"), strict=True
     ):
         facts = both["instruments"][name]
         rms = [
@@ -267,8 +267,12 @@ def test_two_instruments_are_told_apart(both: dict[str, Any], tmp_path: Path) ->
             for part in ("train", "test")
         ]
         sigma = noise[f"{name} {facts['quantities'][0]['noise']}"]["sigma"]
-        assert row[:3] == [name, f"{reads} of smr P on flange", "world"]
-        assert row[3:] == ["40", rms[0], "12", rms[1], f"{number(sigma)}\u00a0mm (estimated)"]
+        assert group == {
+            "reads": f"{reads} of smr P on flange",
+            "on": "world",
+            "noise": f"{number(sigma)}\u00a0mm (estimated)",
+            "rows": [[name, "40", rms[0], "12", rms[1]]],
+        }
     words = dict(text["facts"])["noise"]
     assert f"{number(noise['tracker position']['sigma'])} mm per axis of tracker position (estimated" in words
     assert f"{number(noise['wire distance']['sigma'])} mm of wire distance (estimated" in words

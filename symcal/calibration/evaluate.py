@@ -37,7 +37,7 @@ class Errors:
     each, shape (k,). point: its feature, shape (k,). rotations: rotation vectors in the tool frame, shape (k, 3), rad,
     NaN where an instrument measured the position alone; None where all did.
     quantity: what they are errors of. words: the same, said to people.
-    names: of the components of ``vectors``.
+    names: of the components of ``vectors``. axes: whose axes x, y and z of them are. counted: what one of them is.
     of_tool: whether they are errors of the robot's tool, which only an instrument tells whose reading fixes a point.
     fitted: how many parameters were fitted to these very measurements.
     """
@@ -52,6 +52,8 @@ class Errors:
     names: tuple[str, ...] = ("x", "y", "z")
     of_tool: bool = True
     fitted: int = 0
+    axes: str = "world"
+    counted: str = "observation"
 
     @property
     def title(self) -> str:
@@ -153,6 +155,8 @@ def evaluate_each(state: State, data: Dataset) -> dict[str, Errors]:
             kind.error_names,
             kind.gives_point,
             sum(name in part.observation.names for name in unplaced),
+            "world" if kind.judged_in_world else "its place",
+            "contact" if kind.constrains else "observation",
         )
     if not out:
         raise RefusedError("no instrument has read anything at these poses")

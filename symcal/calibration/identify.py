@@ -29,6 +29,7 @@ from symcal.robot.robot import Record, Robot
 Array = NDArray[np.float64]
 
 _BLAS = ThreadpoolController()
+_NAMED = 6  # places that a warning names
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,9 +158,11 @@ def _unplaced(names: Sequence[str]) -> list[str]:
     """What is said of places that no training pose tells."""
     if not names:
         return []
-    things = dict.fromkeys(name.rpartition("_")[0] for name in names)
+    things = list(dict.fromkeys(name.rpartition("_")[0] for name in names))
+    more = f" and {len(things) - _NAMED} more" if len(things) > _NAMED + 1 else ""
+    shown = things[:_NAMED] if more else things
     return [
-        f"where {', '.join(things)} {'is' if len(things) == 1 else 'are'} no training pose tells: fitted to the "
+        f"no training pose tells where {', '.join(shown)}{more} {'is' if len(things) == 1 else 'are'}: fitted to the "
         "held-out poses with the robot held, and as many degrees of freedom are taken off their rms"
     ]
 
@@ -201,7 +204,7 @@ def calibrated_robot(model: Model, result: Fit) -> Robot:
     index = model.parameters.indices(free)
     full[np.ix_(index, index)] = result.posterior.covariance
     provenance: dict[str, Any] = {
-        "measurements": measurement_record(model, result.setup, setup, errors),
+        "measurements": measurement_record(model, result.setup, setup, errors, free),
         "noise_sigma": {f"{g.name}_{g.unit}": result.sigmas.get(g.name) for g in model.measurement.groups},
         "rank": result.identifiability.rank,
         "dof": result.dof,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -24,13 +24,21 @@ State = Literal["before", "after"]
 _KEY = "calibration.provenance"
 
 
-def measurement_record(model: Model, nominal: Setup, found: Setup, errors: Mapping[str, float]) -> dict[str, Any]:
+def measurement_record(
+    model: Model, nominal: Setup, found: Setup, errors: Mapping[str, float], free: Collection[str]
+) -> dict[str, Any]:
     """Every observation with its places, points and numbers before and after, mm, poses as x, y, z and a quaternion.
 
     Args:
         nominal: the frames fitted with nominal kinematics. found: the identified ones. errors: of all parameters.
+        free: the parameters that were estimated; others of places and points that are unknown no training pose told.
     """
-    return {o.name: _observation(model, o, nominal, found, errors) for o in model.task.observations}
+    unplaced = [name for name in model.placement if name not in free]
+    return {
+        o.name: _observation(model, o, nominal, found, errors)
+        | {"unplaced": [name for name in unplaced if name in o.names]}
+        for o in model.task.observations
+    }
 
 
 def _observation(

@@ -8,26 +8,27 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from symcal import spatial
 from symcal.calibration.evaluate import Errors, Statistics, statistics
+from symcal.calibration.held_out_places import held_out_places
 from symcal.calibration.identify import Calibration
+from symcal.calibration.place_results import frame_facts, known_facts, length_facts, settled_facts
+from symcal.data.dataset import Dataset
 from symcal.fit.estimation import Fit
 from symcal.fit.identifiability import Identifiability
-from symcal.model.measurement import Measurement, Setup
+from symcal.model.measurement import Measurement
 from symcal.model.observation import Observation
 from symcal.model.task import Task
 from symcal.robot.robot import Robot
+from symcal.units import DEGREES, SHOWN_UNITS
 
 SCHEMA = "symcal/results/1"
-
-DEGREES = float(np.rad2deg(1.0))
 
 _LIBRARIES = ("symcal", "casadi", "numpy", "scipy")
 
@@ -73,12 +74,18 @@ def measurement_facts(task: Task, poses: Mapping[str, int]) -> dict[str, Any]:
         "error": judging.error_words,
         "of_tool": judging.gives_point,
         "judged_by": [o.name for o in task.judged_by],
-        "quantity": f"{quantity}_{_SHOWN_UNITS[unit]}",
-        "unit": _SHOWN_UNITS[unit],
+        "quantity": f"{quantity}_{SHOWN_UNITS[unit]}",
+        "unit": SHOWN_UNITS[unit],
         "estimate": unknown_words(task),
         "poses": dict(poses),
+        "sees_length": any(o.instrument.sees_length for o in task.observations),
         "instruments": [observation_facts(o) for o in task.observations],
     }
+
+
+def against(task: Task) -> str:
+    """What errors on measurements are taken against."""
+    return "noisy contacts" if all(o.instrument.constrains for o in task.judged_by) else "noisy measurement"
 
 
 def observation_facts(o: Observation) -> dict[str, Any]:
@@ -92,6 +99,7 @@ def observation_facts(o: Observation) -> dict[str, Any]:
         "target_on": o.target.at.on,
         "features": list(o.features),
         "reads": o.instrument.label,
+        "constrains": o.instrument.constrains,
         "reports": o.reports,
         "session": o.session,
         "quantities": [{"noise": q.noise, "unit": q.unit, "size": q.size} for q in o.instrument.quantities],
@@ -133,11 +141,14 @@ def identifiability_facts(seen: Identifiability) -> dict[str, Any]:
     }
 
 
-def identification_facts(fit: Fit, measurement: Measurement) -> dict[str, Any]:
+def identification_facts(fit: Fit, measurement: Measurement, unplaced: Collection[str] = ()) -> dict[str, Any]:
     """The solver's words, noise and sizes with the degrees of freedom, and every parameter in mm and rad.
 
     Of a parameter: sigma, the posterior standard deviation; half_width_95, half of its 95 % interval by Student's t;
     learnt, the share that came from the data (0 to 1); None for parameters that were held.
+
+    Args:
+        unplaced: parameters of places, points and instruments that no training pose tells.
     """
     parameters, known = measurement.parameters, fit.posterior
     nominal = [fit.setup.own.get(p.name, p.nominal) for p in parameters.items]
@@ -166,22 +177,20 @@ def identification_facts(fit: Fit, measurement: Measurement) -> dict[str, Any]:
                 **dict(zip(("sigma", "half_width_95", "learnt"), found.get(p.name, held), strict=True)),
                 "unit": p.unit,
                 "free": p.name in fit.free,
+                "unplaced": p.name in unplaced,
             }
             for i, p in enumerate(parameters.items)
         },
     }
 
 
-_SHOWN_UNITS = {"mm": "mm", "rad": "deg", "px": "px"}
-
-
 def noise_facts(sigmas: Mapping[str, float], measurement: Measurement) -> dict[str, Any]:
     """Standard deviation of every noise group, and by unit where all that is measured in it shares one."""
     out: dict[str, Any] = {"noise": {}}
-    found: dict[str, list[float]] = {unit: [] for unit in _SHOWN_UNITS.values()}
+    found: dict[str, list[float]] = {unit: [] for unit in SHOWN_UNITS.values()}
     for group in measurement.groups:
         if group.name in sigmas:
-            unit = _SHOWN_UNITS[group.unit]
+            unit = SHOWN_UNITS[group.unit]
             sigma = float(sigmas[group.name]) * (DEGREES if group.unit == "rad" else 1.0)
             found[unit].append(sigma)
             out["noise"][group.name] = {
@@ -208,8 +217,8 @@ def instrument_facts(task: Task, errors: Mapping[str, Mapping[str, Mapping[str, 
         quantity, unit, _ = o.instrument.error
         out[o.name] = observation_facts(o) | {
             "error": o.instrument.error_words,
-            "quantity": f"{quantity}_{_SHOWN_UNITS[unit]}",
-            "unit": _SHOWN_UNITS[unit],
+            "quantity": f"{quantity}_{SHOWN_UNITS[unit]}",
+            "unit": SHOWN_UNITS[unit],
             "accuracy": {part: states for part, states in own.items() if states},
         }
     return out
@@ -234,30 +243,20 @@ def _as_dict(s: Statistics) -> dict[str, float | int]:
     return {"mean": s.mean, "rms": s.rms, "p95": s.p95, "max": s.max, "count": s.count}
 
 
-def frame_facts(setup: Setup, points_called: tuple[str, ...]) -> dict[str, Any]:
-    """Base, tool, points, and places of instruments and targets, as found, in mm and deg."""
+def calibration_facts(calibration: Calibration, held_out: Dataset | None = None) -> dict[str, Any]:
+    """Identifiability, identification, frames and known values of a calibration.
 
-    def frame(matrix: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, list[float]]:
-        return {
-            "xyz_mm": matrix[:3, 3].tolist(),
-            "rpy_deg": np.rad2deg(spatial.matrix_rpy(matrix[:3, :3])).tolist(),
-        }
-
-    names = [name.removeprefix("tool_") for name in points_called]
-    return {
-        "base": frame(setup.base),
-        "tool": frame(setup.tool),
-        **{name: frame(place) for name, place in setup.places.items()},
-        "points_mm": dict(zip(names, setup.points.tolist(), strict=True)),
-    }
-
-
-def calibration_facts(calibration: Calibration) -> dict[str, Any]:
-    """Identifiability, identification and frames of a calibration."""
+    Args:
+        held_out: poses that settle what no training pose tells.
+    """
     model, after = calibration.model, calibration.after
+    state = calibration.states["after"]
+    found = held_out_places(state, held_out)
     return {
-        "identifiability": identifiability_facts(after.identifiability),
-        "identification": identification_facts(after, model.measurement),
+        "identifiability": identifiability_facts(after.identifiability) | {"length": length_facts(calibration)},
+        "identification": identification_facts(after, model.measurement, state.unplaced),
         "starts": {name: {"agreed": n, "starts": of} for name, (n, of) in calibration.searches.items()},
-        "frames": frame_facts(model.moved(calibration.setup, after.x), model.measurement.points_called),
+        "frames": frame_facts(model, model.moved(found.state.setup, after.x), found.unknown),
+        "settled": settled_facts(model, found),
+        "known": known_facts(calibration, found),
     }

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammainccinv
 
+from symcal.calibration.length import unseen_length
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Fit
 from symcal.fit.noise import known_sigma, spread_of
 from symcal.fit.residual_rows import rows_of
-from symcal.model.growth import growth
 from symcal.model.measurement import Part
 from symcal.model.model import Model, State
 from symcal.placing.registration import LEVER
@@ -159,11 +159,10 @@ def _unseen_length(model: Model, after: Fit) -> list[str]:
     Raises:
         RefusedError: the fit has shrunk or stretched the arm.
     """
-    measurement, parameters = model.measurement, model.parameters
-    if measurement.sees_length:
+    length = unseen_length(model, after)
+    if length is None:
         return []
-    grown = growth(measurement.growth, after.x) - 1
-    size = float(np.linalg.norm(measurement.growth * parameters.scales))
+    grown, size = length.growth, length.size
     if abs(grown) > max(_GROWN * size, _LEAST_GROWN):
         raise RefusedError(
             f"the identification {'shrinks' if grown < 0 else 'stretches'} the arm by {abs(grown):.1%}: contacts see "
@@ -171,16 +170,14 @@ def _unseen_length(model: Model, after: Fit) -> list[str]:
             "touched what, and the robot file, or add something that has a length: a known distance between two "
             "sockets ('value'), known places, an instrument that reads lengths"
         )
-    slope = measurement.growth[parameters.indices(after.free)]
-    sigma = float(np.sqrt(slope @ after.posterior.covariance @ slope))
-    if sigma < _TOLD * size:
+    if length.sigma < _TOLD * size:
         return []
-    known = (
-        "only known values, places and points tell" if measurement.knows_length else "nothing that was measured tells"
-    )
+    known = "only known values, places and points tell" if length.known else "nothing that was measured tells"
+    contacts = all(o.instrument.constrains for o in model.task.observations)
     return [
-        f"{known} how long the arm is: contacts are the same if all lengths grow by one share. That share is held by "
-        f"the plausible sizes of the lengths, to {sigma:.2%} (one standard deviation)"
+        f"{known} how long the arm is: {'contacts are' if contacts else 'what was read is'} the same if all lengths "
+        f"grow by one share. That share is held by the plausible sizes of the lengths, to {length.sigma:.2%} (one "
+        "standard deviation)"
     ]
 
 

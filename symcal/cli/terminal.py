@@ -99,7 +99,7 @@ def _learnt(seen: Any, found: Any) -> str:
 
 
 def print_accuracy(content: Any) -> None:
-    """Errors of every state on every set, those of every instrument where there are several, and the warnings."""
+    """Errors of every state on every set, those of every instrument where there are several, known values, warnings."""
     from symcal.report.measured import fitted_before
 
     console = output()
@@ -111,6 +111,8 @@ def print_accuracy(content: Any) -> None:
     console.print(_accuracy_table(content))
     if len(content.get("instruments", {})) > 1:
         console.print(_instrument_table(content["instruments"]))
+    for line in _known(content.get("known", {})):
+        console.print(escape(line))
     against = (
         f"errors against {content['against']}{', truth: against exact poses' if 'truth' in content['accuracy'] else ''}"
     )
@@ -151,6 +153,18 @@ def _instrument_table(instruments: Any) -> Table:
                     numbers = f"{found['rms']:.4g}", f"{found['max']:.4g}"
                     table.add_row(escape(name), data, state, *numbers, facts["unit"], str(found["count"]))
     return table
+
+
+def _known(known: Any) -> list[str]:
+    """What is known between things and what it came out as, a line each."""
+    from symcal.report.known import known_numbers
+
+    lines = []
+    for name, facts in known.items():
+        (first, second), (value, sigma, found) = facts["between"], known_numbers(facts)
+        check = "" if facts["used"] else " (took no part: a check)"
+        lines.append(f"known {name}: {facts['type']} from {first} to {second} {value} +- {sigma}; found {found}{check}")
+    return lines
 
 
 def print_plan(content: Any) -> None:

@@ -79,16 +79,32 @@ def placed(model: Model, data: Dataset, options: Options) -> Placed:
     return Placed(_found(model, found, free), start.searches)
 
 
-def settled(state: State, data: Dataset) -> State:
-    """The state with what it has unplaced fitted to these data, the robot held."""
+def settled(state: State, data: Dataset, near: Setup | None = None) -> State:
+    """The state with what it has unplaced fitted to these data, the robot held.
+
+    Args:
+        near: where that roughly is, as another state of the model had it; searched for when None.
+    """
     names = tuple(name for name in state.unplaced if name in placed_by(state.model, data))
     if not names:
         return state
     own = _read_by(state.model, data, [o for o in state.model.task.observations if set(names) & set(o.names)])
     options = Options(sigma={group.name: _ROUGH[group.unit] for group in state.model.measurement.groups})
-    start = _start(state, own, names, options)
-    found = _fit(replace(state, setup=start.setup), own, names, options, alone=True)
+    start = _start(state, own, names, options).setup if near is None else _like(state, near, names)
+    found = _fit(replace(state, setup=start), own, names, options, alone=True)
     return replace(state, setup=_found(state.model, found, names), unplaced=())
+
+
+def _like(state: State, near: Setup, names: tuple[str, ...]) -> Setup:
+    """The setup of a state with places, points and numbers of these parameters as another one has them."""
+    setup, wanted = state.setup, {name.rpartition("_")[0] for name in names}
+    chosen = [name in wanted for name in state.model.measurement.points_called]
+    return replace(
+        setup,
+        points=np.where(np.reshape(chosen, (-1, 1)), near.points, setup.points),
+        places={name: near.places[name] if name in wanted else place for name, place in setup.places.items()},
+        own={name: near.own[name] if name in names else value for name, value in setup.own.items()},
+    )
 
 
 def placed_by(model: Model, data: Dataset) -> tuple[str, ...]:

@@ -60,7 +60,7 @@ class Certificate:
     def statement(self) -> str:
         """The certificate in words."""
         how = (
-            f"over all {self.searched} candidate poses"
+            f"over all {self.searched} poses to choose from"
             if self.exhaustive
             else f"searched over {self.searched} sampled poses and polished with exact derivatives"
         )

@@ -46,7 +46,9 @@ def genetic_plan(
         RefusedError: candidates are a finite set, or no feasible plan was found.
     """
     if task.where.area is None:
-        raise RefusedError("candidates are a finite set: 'genetic' has nothing to vary; use 'exchange' or 'certified'")
+        raise RefusedError(
+            "the poses to choose from are a finite set: 'genetic' has nothing to vary; use 'exchange' or 'certified'"
+        )
     area, mask = task.where.area, task.feasible
     if fitness is None:
         objective = sound_fitness(task.info, task.criterion, fixed=task.fixed)

@@ -119,7 +119,7 @@ def random_plan(task: SearchTask, rng: np.random.Generator, report: Report) -> A
 def _random(task: SearchTask, rng: np.random.Generator, count: int) -> Array:
     if task.where.area is None:
         if count > len(task.where.sample):
-            raise RefusedError(f"{count} poses are wanted, and there are {len(task.where.sample)} candidates")
+            raise RefusedError(f"{count} poses are wanted, and there are {len(task.where.sample)} to choose from")
         return task.where.sample[rng.permutation(len(task.where.sample))[:count]]
     return draw(task.where.area, rng, count, task.feasible)
 
@@ -133,7 +133,9 @@ def exchange_plan(task: SearchTask, rng: np.random.Generator, report: Report) ->
 def refine_plan(task: SearchTask, rng: np.random.Generator, report: Report) -> Array:
     """The best of several random plans, each refined by its gradient."""
     if task.finite:
-        raise RefusedError("candidates are a finite set: 'refine' has nothing to move; use 'exchange' or 'certified'")
+        raise RefusedError(
+            "the poses to choose from are a finite set: 'refine' has nothing to move; use 'exchange' or 'certified'"
+        )
     plans = [_refine(task, random_plan(task, rng, report), report) for _ in range(STARTS)]
     return max(plans, key=task.score)
 

@@ -233,16 +233,24 @@ def plan_notes(problem: PlanProblem, planned: Planned) -> list[str]:
 
 
 def plan_tables(
-    robot: Robot, planned: Planned, content: Mapping[str, Any], tool_mm: Array, errors_mm: Array
+    robot: Robot,
+    planned: Planned,
+    content: Mapping[str, Any],
+    tool_mm: Array,
+    errors_mm: Array,
+    touches: Sequence[str] | None = None,
 ) -> dict[str, pd.DataFrame]:
     """poses: what is measured and what is foretold there; promise; methods.
 
     Args:
         tool_mm: tool position of every pose, shape (N, 3). errors_mm: predicted rms error at every pose, shape (N,).
+        touches: what each of them touches, where something is touched.
     """
     poses = joint_columns(robot, planned.plan.poses)
     poses.insert(0, "pose", list(planned.names))
     poses["required"] = planned.required
+    if touches is not None:
+        poses["touches"] = list(touches)
     for i, axis in enumerate("xyz"):
         poses[f"tool_{axis}_mm"] = tool_mm[:, i]
     poses["predicted_rms_mm"] = errors_mm

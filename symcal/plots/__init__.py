@@ -1,5 +1,6 @@
 """Results as figures for print: each function returns an `Illustration` and neither shows nor saves it."""
 
+from symcal.plots.contacts import contacts
 from symcal.plots.convergence import convergence
 from symcal.plots.distribution import error_distribution
 from symcal.plots.identification import identification_figures
@@ -14,6 +15,7 @@ from symcal.plots.style import Comparison, Illustration, print_settings
 __all__ = [
     "Comparison",
     "Illustration",
+    "contacts",
     "convergence",
     "correlation_matrix",
     "error_distribution",

@@ -3,31 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
 
-from symcal.calibration.evaluate import evaluate
+from symcal.calibration.evaluate import Errors, evaluate
+from symcal.calibration.held_out_places import HeldOutPlaces, held_out_places
 from symcal.calibration.identify import Calibration
 from symcal.data.dataset import Dataset
 from symcal.model.model import State
+from symcal.placing.placement import settled
 from symcal.plots.panels import quantity, rms
 from symcal.plots.style import BLUE, NARROW, ORANGE, PARTS, Illustration, grid, print_settings, settle, sheet
 from symcal.words import number, plural
 
 
-def convergence(calibration: Calibration, parts: Mapping[str, Dataset]) -> Illustration:
-    """Rms error after every accepted step.
+def convergence(
+    calibration: Calibration, parts: Mapping[str, Dataset], places: HeldOutPlaces | None = None
+) -> Illustration:
+    """Rms error after every accepted step; places that only held-out poses tell are fitted to these at each.
 
     Args:
-        parts: the measurements of `train`, and of `test` if there are any.
+        parts: the measurements of `train`, and of `test` if there are any. places: what the held-out poses told of the
+            identified state; found here when None.
     """
     fit = calibration.after
-    errors = {
-        part: [evaluate(State(calibration.model, fit.setup, x), data) for x in fit.path]
-        for part, data in parts.items()
-        if part in ("train", "test") and len(data)
-    }
+    places = places or held_out_places(calibration.states["after"], parts.get("test"))
+    judging = {part: data for part, data in parts.items() if part in ("train", "test") and len(data)}
+    errors = {part: _along(calibration, data, places, held_out=part == "test") for part, data in judging.items()}
     curves = {part: np.array([rms(each) for each in path]) for part, path in errors.items()}
     last = errors["train"][-1]
     steps = np.arange(len(fit.path))
@@ -67,7 +71,19 @@ def convergence(calibration: Calibration, parts: Mapping[str, Dataset]) -> Illus
         f"Rms {last.title} over the training poses: {number(float(train[0]))} {last.unit} at the start (nominal, "
         f"frames fitted), {number(float(train[-1]))} {last.unit} after {plural(int(steps[-1]), 'accepted step')}"
         + (f", 99 % of the way after {enough}" if fall > 0 else "")
+        + ("; at each the places of the held-out poses are fitted to these anew" if places.settled else "")
         + ". Steps go on over the rounds in which the noise and the size of the errors are found anew. "
         f"The last word: {fit.message}."
     )
     return Illustration(settle(figure), "convergence", "Convergence", caption)
+
+
+def _along(calibration: Calibration, data: Dataset, places: HeldOutPlaces, *, held_out: bool) -> list[Errors]:
+    """Errors on these poses at the start and after every accepted step."""
+    fit, unplaced = calibration.after, calibration.states["after"].unplaced
+    states = [State(calibration.model, fit.setup, x, unplaced) for x in fit.path]
+    if not (held_out and places.settled):
+        return [evaluate(state, data) for state in states]
+    fitted = sum(name in o.names for o in calibration.model.task.judged_by for name in places.settled)
+    near = places.state.setup
+    return [replace(evaluate(settled(state, data, near), data), fitted=fitted) for state in states]

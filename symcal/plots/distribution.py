@@ -61,8 +61,9 @@ def error_distribution(
         right.axhline(95, color=INK, linewidth=0.5, linestyle=":")
         right.set_yticks([0, 20, 40, 60, 80, 95])
         label = quantity(states["after"])
-        left.set(xlabel=label, ylabel="observations", xlim=(edges[0], top), ylim=(0, None))
-        right.set(xlabel=label, ylabel="observations below / %", xlim=(edges[0], top), ylim=(0, 103))
+        counted = f"{states['after'].counted}s"
+        left.set(xlabel=label, ylabel=counted, xlim=(edges[0], top), ylim=(0, None))
+        right.set(xlabel=label, ylabel=f"{counted} below / %", xlim=(edges[0], top), ylim=(0, 103))
         left.yaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
         for panel in (left, right):
             grid(panel)
@@ -76,7 +77,7 @@ def error_distribution(
 
 def _caption(states: Mapping[str, Errors], part: str, against: str) -> str:
     after = states["after"]
-    count = plural(len(after.size), f"{PARTS[part]} observation")
+    count = plural(len(after.size), f"{PARTS[part]} {after.counted}")
     what = "Position errors" if after.of_tool else opening(after.title)
     quantiles = [f"{number(float(np.percentile(e.size, 95)))} {e.unit} {_WORDS[s]}" for s, e in states.items()]
     caption = (

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from symcal.calibration.held_out_places import held_out_places
 from symcal.calibration.identify import Calibration
 from symcal.data.dataset import Dataset
+from symcal.plots.contacts import contacts, has_contacts
 from symcal.plots.convergence import convergence
 from symcal.plots.distribution import error_distribution
 from symcal.plots.learnt import what_was_learnt
@@ -32,12 +34,14 @@ def identification_figures(
     parts: dict[str, Dataset] = {name: data.part(name) for name in ("train", "test") if name in data.split}
     labels: dict[str, Sequence[str]] = {name: part.labels for name, part in parts.items()}
     judged = next(part for part in ("test", "cross_validation", "train") if errors.get(part))
+    places = held_out_places(calibration.states["after"], parts.get("test"))
     figures = [
         errors_per_pose(errors, labels, against),
         error_distribution(errors[judged], judged, against=against),
+        *([contacts(calibration, data, places)] if has_contacts(calibration, data) else []),
         residuals_per_axis(errors, against),
         *([what_was_learnt(calibration), parameter_corrections(calibration)] if calibration.model.kinematic else []),
-        convergence(calibration, parts),
+        convergence(calibration, parts, places),
         singular_values(calibration.after.identifiability),
     ]
     if errors.get("truth"):

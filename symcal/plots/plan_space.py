@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -23,12 +24,14 @@ from symcal.plots.style import (
     VERMILION,
     WIDE,
     Illustration,
+    escaped,
     print_settings,
     settle,
     sheet,
 )
+from symcal.plots.touched import Thing, sign, things
 from symcal.robot.schema import Frame
-from symcal.words import fixed, plural
+from symcal.words import fixed, listed, plural
 
 Array = NDArray[np.float64]
 
@@ -38,6 +41,7 @@ _LEFT, _RIGHT, _BOTTOM, _TOP = 10.0, 18.0, 11.0, 7.0  # room for labels and lege
 _UNDER = {"facecolor": "white", "edgecolor": "none", "pad": 0.4}
 _HIGHEST = 112.0  # of the figure, mm
 _MM = 25.4
+_NAMED = 6  # things that are touched which the legend names
 _WAY = 40  # points per segment of the way that are drawn
 
 
@@ -46,19 +50,22 @@ def plan_in_space(found: PlanStudy) -> Illustration:
     planned, arm = found.planned, found.problem.arm
     poses = planned.plan.poses
     tool = arm.motion(poses)[0]
-    bodies = arm.nodes(np.vstack([planned.start[None], poses[_apart(tool, _ARMS)]]))
+    drawn = np.vstack([planned.start[None], poses[_apart(tool, _ARMS)]])
+    touched = _touched(found)
+    bodies = _down_to(arm.nodes(drawn), drawn, found, touched)
     with print_settings():
         figure = sheet(WIDE, 104)
         figure.set_layout_engine("none")  # it knows nothing of what a 3-D view leaves empty
         axes: Any = figure.add_axes((0.0, 0.0, 1.0, 1.0), projection="3d", computed_zorder=False)
-        everything = [tool, bodies.reshape(-1, 3)]
+        everything = [tool, *bodies]
         for body in bodies[1:]:
             axes.plot(*body.T, color=FAINT, linewidth=1.1, alpha=0.55, solid_joinstyle="round", zorder=2)
         axes.plot(*bodies[0].T, color=INK, linewidth=2.2, solid_joinstyle="round", zorder=5)
         axes.plot(*bodies[0].T, color="white", linewidth=0.7, solid_joinstyle="round", zorder=5.1)
-        _way(axes, found)
+        _way(axes, found, faint=bool(touched))
         must = planned.required
-        axes.plot(*tool[~must].T, linestyle="none", marker="o", markersize=3.2, color=BLUE, zorder=6)
+        for points, style in _looks(found, touched, tool, ~must):
+            axes.plot(*points.T, zorder=6, **style)
         axes.plot(
             *tool[must].T,
             linestyle="none",
@@ -68,7 +75,7 @@ def plan_in_space(found: PlanStudy) -> Illustration:
             markerfacecolor="white",
             zorder=6,
         )
-        everything += _surroundings(axes, found)
+        everything += [*_surroundings(axes, found), *_marked(axes, touched)]
         low, high = _limits(np.vstack(everything))
         _planes(axes, found, low, high)
         _base(axes, found, _AXIS * float((high - low).max()))
@@ -77,8 +84,50 @@ def plan_in_space(found: PlanStudy) -> Illustration:
         axes.view_init(elev=18, azim=-64)
         _dress(axes)
         _fill(figure, axes, low, high)
-        figure.legend(handles=_legend(found), loc="upper center", ncols=6, handlelength=2.2)
+        figure.legend(
+            handles=_legend(found, touched), loc="upper center", ncols=5 if len(touched) > 2 else 6, handlelength=2.0
+        )
     return Illustration(settle(figure), "plan_in_space", "The plan in space", _caption(found, tool))
+
+
+def _touched(found: PlanStudy) -> tuple[Thing, ...]:
+    """What the postures of the plan touch."""
+    return () if found.problem.touches is None else things(found.problem.info.measurement, found.problem.info.setup)
+
+
+def _down_to(nodes: Array, poses: Array, found: PlanStudy, touched: tuple[Thing, ...]) -> list[Array]:
+    """The arm's polylines, shape (k, 3) each, down to what each posture touches."""
+    if found.problem.touches is None:
+        return list(nodes)
+    info, out = found.problem.info, []
+    zero = np.zeros(len(info.measurement.parameters))
+    for body, q, names in zip(nodes, poses, found.problem.touches(poses), strict=True):
+        tips = [t.touched_by(q[None], zero, info.setup) for t in touched if t.name in names.split()]
+        out.append(np.vstack([body, *tips[:1]]))
+    return out
+
+
+def _looks(
+    found: PlanStudy, touched: tuple[Thing, ...], tool: Array, chosen: NDArray[np.bool_]
+) -> list[tuple[Array, dict[str, Any]]]:
+    """Tool positions of the chosen poses with their marks: those that touch have that of the thing, hollow."""
+    dot: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 3.2, "color": BLUE}
+    if found.problem.touches is None:
+        return [(tool[chosen], dot)]
+    names = [own.split() for own in found.problem.touches(found.planned.plan.poses)]
+    looks = []
+    for i, thing in enumerate(touched):
+        own = np.array([thing.name in each for each in names])
+        looks.append((tool[chosen & own], sign(i, hollow=True) | {"markersize": 2.6, "markeredgewidth": 0.6}))
+    free = np.array([not each for each in names])
+    return [*looks, (tool[chosen & free], dot)]
+
+
+def _marked(axes: Any, touched: tuple[Thing, ...]) -> list[Array]:
+    """What is touched, marked where it roughly is; returns the places."""
+    for i, thing in enumerate(touched):
+        axes.plot(*thing.place, markersize=7, markeredgecolor="white", zorder=9, **sign(i))
+    return [thing.place[None] for thing in touched]
 
 
 def _apart(points: Array, count: int) -> NDArray[np.intp]:
@@ -90,13 +139,15 @@ def _apart(points: Array, count: int) -> NDArray[np.intp]:
     return np.array(chosen, dtype=np.intp)
 
 
-def _way(axes: Any, found: PlanStudy) -> None:
+def _way(axes: Any, found: PlanStudy, *, faint: bool) -> None:
     for segment in found.planned.motion.segments:
         shown = segment.waypoints[np.linspace(0, len(segment.waypoints) - 1, _WAY).astype(int)]
         path = found.problem.arm.motion(shown)[0]
         style: dict[str, Any] = {"color": BLUE, "linewidth": 0.6, "alpha": 0.9}
         if segment.kind == "joint":
             style = {"color": ORANGE, "linewidth": 0.6, "linestyle": (0, (3, 1.5)), "alpha": 0.9}
+        if faint:  # the ways from one contact to the next are long, and nothing is measured on them
+            style |= {"linewidth": 0.35, "alpha": 0.3}
         axes.plot(*path.T, zorder=3, **style)
 
 
@@ -197,9 +248,10 @@ def _dress(axes: Any) -> None:
         axes.locator_params(axis=name, nbins=5)
 
 
-def _legend(found: PlanStudy) -> list[Line2D]:
+def _legend(found: PlanStudy, touched: tuple[Thing, ...]) -> list[Line2D]:
     kinds = found.planned.motion.kinds
-    handles = [Line2D([], [], linestyle="none", marker="o", markersize=3.2, color=BLUE, label="pose to measure")]
+    hollow: dict[str, Any] = {"markerfacecolor": "white", "color": INK} if touched else {"color": BLUE}
+    handles = [Line2D([], [], linestyle="none", marker="o", markersize=3.2, label="pose to measure", **hollow)]
     if found.planned.required.any():
         handles.append(
             Line2D(
@@ -220,6 +272,8 @@ def _legend(found: PlanStudy) -> list[Line2D]:
     handles.append(Line2D([], [], color=INK, linewidth=2.2, label="arm at the start"))
     if found.problem.view is not None:
         handles.append(Line2D([], [], color=GREEN, linewidth=1.0, label="camera"))
+    for i, thing in enumerate(touched[:_NAMED]):
+        handles.append(Line2D([], [], markersize=4, label=escaped(thing.name), **sign(i)))
     constraints = found.file.plan.constraints
     if constraints.keep_out or constraints.planes:
         handles.append(Line2D([], [], color=VERMILION, linewidth=0.8, label="keep out"))
@@ -235,6 +289,10 @@ def _caption(found: PlanStudy, tool: Array) -> str:
         f"frame. The tool moves straight in {kinds.count('line')} of {plural(len(kinds), 'segment')}. Its positions "
         f"span {' × '.join(fixed(float(s), 0) for s in size)} mm."
     )
+    if found.problem.touches is not None:
+        names = [name for names in found.problem.touches(found.planned.plan.poses) for name in names.split()]
+        counts = [f"{name} in {plural(count, 'pose')}" for name, count in sorted(Counter(names).items())]
+        return f"{text} It touches {listed(counts)}: hollow marks are the tool there, filled ones what is touched."
     where, count = np.unique(tool.round(3), axis=0, return_counts=True)
     if len(where) < len(tool):
         text += (

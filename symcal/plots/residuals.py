@@ -25,11 +25,13 @@ from symcal.words import listed, number, plural
 Array = NDArray[np.float64]
 
 _BINS = 41
+_ROUNDING = 1e-6  # of the standard deviation: a mean below is none
 _AXES = ("x", "y", "z")
 
 
 def residuals_per_axis(errors: Comparison, against: str = "noisy measurement") -> Illustration:
-    """Components of the error of every observation (of points x, y, z in world), before and after, with histograms.
+    """Components of the error of every observation (of points x, y, z in world, of contacts along their place's axes),
+    before and after, with histograms.
 
     Where the errors before are so much larger that those after would be a line, only the latter are drawn.
 
@@ -56,8 +58,8 @@ def residuals_per_axis(errors: Comparison, against: str = "noisy measurement") -
             dress(series, at, titles(errors, parts) if i == 0 else ())
             series.set_ylabel(labels[i])
         axes[0, 0].set_ylim(-limit, limit)
-        axes[-1, 0].set_xlabel("observation, in the order of the measurement")
-        axes[-1, 1].set_xlabel("observations")
+        axes[-1, 0].set_xlabel(f"{judged.counted}, in the order of the measurement")
+        axes[-1, 1].set_xlabel(f"{judged.counted}s")
         legend(figure, list(pooled), markers=True, lines=False)
     caption = _caption(judged, pooled["after"], against.removeprefix("noisy "))
     if hidden:
@@ -97,11 +99,20 @@ def _draw(series: Axes, histogram: Axes, states: Mapping[str, Array], at: Array,
 
 def _caption(errors: Errors, after: Array, against: str) -> str:
     """Args: after: components of all observations after the identification, shape (k, d)."""
-    mean, spread = (_each(errors, values) for values in (after.mean(axis=0), after.std(axis=0)))
+    average, deviation = after.mean(axis=0), after.std(axis=0)
+    average = np.where(np.abs(average) > _ROUNDING * deviation, average, 0.0)  # fitted places leave none
+    mean, spread = _each(errors, average), _each(errors, deviation)
     what = f"components of the {errors.title}" if len(errors.names) > 1 else errors.title
-    where = " in world" if errors.names == _AXES else ""
+    where = f" along the axes of {errors.axes}" if errors.axes != "world" else " in world"
+    where = where if errors.names == _AXES else ""
+    difference = f"model minus {against}"
+    if errors.counted == "contact":
+        flat = len(errors.names) == 1
+        difference = (
+            "how high above it the model has the point" if flat else "where the model has the point, seen from it"
+        )
     return (
-        f"{opening(what)}{where}, model minus {against}, of {plural(len(after), 'observation')}; histograms over all "
+        f"{opening(what)}{where}, {difference}, of {plural(len(after), errors.counted)}; histograms over all "
         f"of them. After the identification the mean is {mean}, the standard deviation {spread}. A pattern over the "
         "poses would be an effect that the model lacks."
     )

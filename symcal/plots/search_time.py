@@ -96,6 +96,8 @@ def _caption(found: PlanStudy) -> str:
             reached = min(curve[-1][1], 0.99999)
             parts.append(f"{name} {int(10000 * reached) / 100:.2f} % in {number(plan.search_seconds, 2)} s")
     against = "what any plan can reach" if has_bound(found.planned.plan) else "the best that was found"
+    if has_bound(found.planned.plan) and found.problem.choices is not None:
+        against = "what any choice from the same postures can reach"
     return (
         f"Efficiency of the best plan so far against {against}, by search method, over wall time on one core; the mark "
         f"is the last improvement. Reached, with the time of search and certificate: {', '.join(parts)}. "

@@ -7,24 +7,22 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from symcal.parameters import FRAME_AXES
+from symcal.report.frames import frame_table, frames_note
 from symcal.report.handover import handover_text
 from symcal.report.images import images_text
 from symcal.report.instruments import instruments_text
+from symcal.report.known import known_table, unseen_length
 from symcal.report.learnt import learnt_and_assumed
 from symcal.report.measured import (
-    Facts,
     Judged,
     fitted_before,
     judged,
     noise_words,
     observers,
     observers_named,
-    stands_on,
-    unknowns,
 )
 from symcal.report.parameter_table import parameter_table
 from symcal.report.verdict import judging_part, usable, verdict
@@ -44,8 +42,6 @@ _PARTS = {
     "train": "training poses",
     "truth": "simulated test poses, against the truth",
 }
-_OF_THE_ROBOT, _CAMERA = ("base", "tool"), "camera"
-_POINTS = "points_mm"
 _COLUMNS = ("rms", "mean", "p95", "max")
 _MOST_NAMED = 8  # parameters of an unseen direction that are named in the report
 _AS_STATED = 1.15  # a factor on the sizes nearer to one than this is no news
@@ -69,8 +65,10 @@ def identification_text(content: Content) -> dict[str, Any]:
         "instruments": instruments_text(content),
         "images": images_text(content),
         "identifiability": _identifiability(content),
-        "parameters": parameter_table(content["identification"]["parameters"]),
-        "frames": _frames(content),
+        "parameters": parameter_table(content["identification"]["parameters"], content.get("settled", {})),
+        "frames": frame_table(content),
+        "frames_note": frames_note(content),
+        "known": known_table(content.get("known", {})),
         "handover": handover_text(content),
         "facts": _facts(content),
         "inputs": [[path, digest] for path, digest in content["inputs"].items()],
@@ -115,7 +113,7 @@ def _accuracy(content: Content) -> dict[str, Any]:
         groups.append({"label": _group_label(content, part), "rows": rows})
     angles = "orientation_deg" in quantities
     note = (
-        f"{'Sizes of errors' if what.scalar else 'Euclidean norms'} over observations"
+        f"{'Sizes of errors' if what.scalar else 'Euclidean norms'} over {what.counted}s"
         f"{', rotation angles over poses' if angles else ''}, "
         f"against the {content['against']}{' unless the truth is named' if 'truth' in parts else ''}. 'Before' is the "
         f"nominal kinematics with {fitted_before(content)} fitted on the training poses; 95 % of the errors are below "
@@ -129,6 +127,8 @@ def _whose(content: Content, what: Judged) -> str:
     """Whose errors the table and the figures have, where several instruments measured."""
     if len(observers(content)) < 2:
         return ""
+    if what.reader is None and not what.of_tool:
+        return " Here and in the figures they are those of all together; those of every one are under Instruments."
     whose = "the instruments that read whole points" if what.reader is None else what.reader
     return f" Here and in the figures they are those of {whose}; those of every instrument are under Instruments."
 
@@ -140,7 +140,8 @@ def _fitted_to_them(content: Content, what: Judged) -> str:
         return ""
     return (
         f" {plural(facts['fitted'], 'parameter')} of places and points, of which no training pose tells anything, were "
-        "fitted to the readings that judge; they are taken off the count in the rms."
+        f"fitted to the {'contacts' if judged(content).touched else 'readings'} that judge; they are taken off the "
+        "count in the rms."
     )
 
 
@@ -164,7 +165,8 @@ def _cell(value: float, decimals: int | None) -> str:
 def _group_label(content: Content, part: str) -> str:
     facts = content["accuracy"][part]
     folds = f", {facts['folds']} folds" if "folds" in facts else ""
-    label = f"{_PARTS[part]} ({plural(facts['after'][judged(content).key]['count'], 'observation')}{folds})"
+    what = judged(content)
+    label = f"{_PARTS[part]} ({plural(facts['after'][what.key]['count'], what.counted)}{folds})"
     return f"{label}: these judge" if part == judging_part(content) and part != "train" else label
 
 
@@ -194,6 +196,7 @@ def _identifiability(content: Content) -> dict[str, Any]:
     return {
         "text": text,
         "learning": learning.strip(),
+        "length": unseen_length(content),
         "hidden": _hidden(total - rank),
         "unseen": [_unseen(entry) for entry in seen["unseen"]],
     }
@@ -221,57 +224,7 @@ def _unseen(entry: Mapping[str, Any]) -> str:
     return text if text.endswith(".") else f"{text}."
 
 
-# -------------------------------------------------------------------------------------------- frames, how it was made
-
-
-def _frames(content: Content) -> list[dict[str, Any]]:
-    """Frames of robot, instruments and targets, then the points."""
-    frames, instruments = content.get("frames", {}), observers(content)
-    estimated, unknown = content["measurement"].get("estimate", []), unknowns(instruments)
-    rows: list[dict[str, Any]] = []
-    for name, frame in frames.items():
-        if name != _POINTS:
-            cells = [fixed(v, 3) for v in frame["xyz_mm"]] + [fixed(v, 4) for v in frame["rpy_deg"]]
-            rows.append(
-                {
-                    "label": _frame_label(name, instruments),
-                    "cells": cells,
-                    "estimated": _how_far(name, unknown) or ("estimated" if name in estimated else ""),
-                }
-            )
-    for name, xyz in frames.get(_POINTS, {}).items():
-        target = _target_of(name, instruments)
-        called = f"tool_{name}" if target == "tool" else name
-        rows.append(
-            {
-                "label": f"point {name} in {target if target in frames else stands_on(target, instruments)}",
-                "cells": [*(fixed(v, 3) for v in xyz), "", "", ""],
-                "estimated": "estimated" if (called in unknown if instruments else "points" in estimated) else "",
-            }
-        )
-    return rows
-
-
-def _how_far(name: str, unknown: Collection[str]) -> str:
-    """What of a place was estimated: of some instruments neither all turns nor all shifts mean anything."""
-    axes = [axis for axis in FRAME_AXES if f"{name}_{axis}" in unknown]
-    if len(axes) in (0, len(FRAME_AXES)):
-        return "estimated" if axes else ""
-    return f"{', '.join(axes)} estimated"
-
-
-def _frame_label(name: str, instruments: Facts) -> str:
-    """`base in world`; of an instrument or a target its name, and on what it stands."""
-    on = stands_on(name, instruments)
-    if name in _OF_THE_ROBOT or (name == _CAMERA and on in (None, "world")):
-        return f"{name} in {'flange' if name == 'tool' else 'world'}"
-    return f"{name} on {on}" if on else name
-
-
-def _target_of(point: str, instruments: Facts) -> str:
-    """The target whose name a point's begins with; the tool, whose points have no other."""
-    others = {facts["target"] for facts in instruments} - {"tool"}
-    return max((target for target in others if point.startswith(f"{target}_")), key=len, default="tool")
+# ------------------------------------------------------------------------------------------------------ how it was made
 
 
 def _facts(content: Content) -> list[list[str]]:
@@ -280,7 +233,7 @@ def _facts(content: Content) -> list[list[str]]:
     facts = [
         ["solver", f"{solver}, {plural(found['iterations'], 'accepted step')}; {found['message']}"],
         ["noise", noise_words(content)],
-        ["sizes", _sizes(found)],
+        ["sizes", _sizes(found, sees_length=content["measurement"].get("sees_length", True))],
         [
             "degrees of freedom",
             f"{fixed(found['dof'], 1)}: {found['equations']} equations less {fixed(found['effective_parameters'], 1)} "
@@ -294,7 +247,7 @@ def _facts(content: Content) -> list[list[str]]:
     return facts
 
 
-def _sizes(found: Mapping[str, Any]) -> str:
+def _sizes(found: Mapping[str, Any], *, sees_length: bool) -> str:
     """The common factor on the plausible sizes of link errors, and what it means."""
     factor = found["scale_factor"]
     if not found["scale_factor_estimated"]:
@@ -305,4 +258,7 @@ def _sizes(found: Mapping[str, Any]) -> str:
         means = "this robot's errors are smaller than was thought plausible"
     else:
         means = "this robot's errors are about as large as was thought plausible"
-    return f"{number(factor)} times the plausible sizes of the link parameters' errors (estimated): {means}"
+    text = f"{number(factor)} times the plausible sizes of the link parameters' errors, by marginal likelihood: {means}"
+    if sees_length:
+        return text
+    return f"{text}. The growth of all lengths by one share is held at its stated size whatever the factor"

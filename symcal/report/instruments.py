@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from symcal.report.measured import noise_of, what_is_read
+from symcal.report.measured import by_entry, noise_of, what_is_read
 from symcal.words import number
 
 Content = Mapping[str, Any]
@@ -24,25 +24,36 @@ def instruments_text(content: Content) -> dict[str, Any] | None:
     if len(found) < 2:
         return None
     parts = [part for part in ("train", "test") if any(part in facts["accuracy"] for facts in found.values())]
+    groups = by_entry(list(found.values()))
+    constrains = [facts.get("constrains", False) for facts in found.values()]
+    counted = "contacts" if all(constrains) else "readings"
+    if all(constrains):
+        note = "Every posture that touches is a contact; errors are rms, before → after the identification."
+    else:
+        note = (
+            "Every instrument in its own unit. Readings are counted as observations, one per point, axis or frame that "
+            "was read; errors are rms, before → after the identification."
+        )
+    if any(constrains) and not all(constrains):
+        note += " Of what is touched the contacts are counted."
+    if any(len(own) > 1 for own in groups.values()):
+        note += " What holds for all sessions of an entry is said once."
     return {
         "parts": [_WORDS[part] for part in parts],
-        "rows": [_row(content, facts, parts) for facts in found.values()],
-        "note": (
-            "Every instrument in its own unit. Readings are counted as observations, one per point, axis or frame that "
-            "was read; errors are rms, before → after the identification. Noise is the standard deviation per axis."
-        ),
+        "counted": counted,
+        "groups": [_group(content, own, parts) for own in groups.values()],
+        "note": f"{note} Noise is the standard deviation per axis.",
     }
 
 
-def _row(content: Content, facts: Mapping[str, Any], parts: list[str]) -> list[str]:
-    states = [facts["accuracy"].get(part, {}) for part in parts]
-    return [
-        facts["name"],
-        what_is_read(facts),
-        facts["on"],
-        *(cell for each in states for cell in _cells(each, facts["unit"])),
-        noise_of(content, facts),
-    ]
+def _group(content: Content, own: Sequence[Mapping[str, Any]], parts: list[str]) -> dict[str, Any]:
+    """The sessions of an entry: what they share, and a row for each."""
+    first = own[0]
+    rows = []
+    for facts in own:
+        states = [facts["accuracy"].get(part, {}) for part in parts]
+        rows.append([facts["name"], *(cell for each in states for cell in _cells(each, facts["unit"]))])
+    return {"reads": what_is_read(first), "on": first["on"], "noise": noise_of(content, first), "rows": rows}
 
 
 def _cells(states: Mapping[str, Any], unit: str) -> tuple[str, str]:

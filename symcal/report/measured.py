@@ -31,7 +31,7 @@ class Judged:
 
     key: its name in the accuracy of results.json. error: said to people; title: to tables. of_tool: it is the error of
     the robot's tool. reader: whose it is, where several instruments measured and none of them tells the tool's error.
-    scalar: it is one number, so that its norm is its size.
+    scalar: it is one number, so that its norm is its size. touched: it is of contacts, which read nothing.
     """
 
     key: str
@@ -40,6 +40,12 @@ class Judged:
     of_tool: bool
     reader: str | None
     scalar: bool
+    touched: bool = False
+
+    @property
+    def counted(self) -> str:
+        """What one of its errors is of."""
+        return "contact" if self.touched else "observation"
 
     @property
     def title(self) -> str:
@@ -55,13 +61,15 @@ def judged(content: Content) -> Judged:
     measurement, instruments = content.get("measurement", {}), observers(content)
     of_tool = measurement.get("of_tool", True)
     alone, judges = len(instruments) < 2, measurement.get("judged_by", [])
+    own = [facts for facts in instruments if facts["name"] in judges] or instruments
     return Judged(
         measurement.get("quantity", POSITION),
         measurement.get("unit", "mm"),
         measurement.get("error", "tool error"),
         of_tool,
-        None if alone or of_tool or len(judges) == len(instruments) else listed(judges),
+        None if alone or of_tool or len(judges) == len(instruments) else listed(list(by_entry(own))),
         not of_tool and bool(instruments) and instruments[0]["quantities"][0]["size"] == 1,
+        bool(own) and all(facts.get("constrains", False) for facts in own),
     )
 
 
@@ -71,9 +79,21 @@ def observers(content: Content) -> Facts:
     return facts
 
 
+def by_entry(instruments: Facts) -> dict[str, Facts]:
+    """Instruments by the entry that they come from, several sessions of one together; by its own name one alone."""
+    entries: dict[str, list[Mapping[str, Any]]] = {}
+    for facts in instruments:
+        entries.setdefault(facts.get("entry", facts["name"]), []).append(facts)
+    return {name if len(own) > 1 else own[0]["name"]: own for name, own in entries.items()}
+
+
 def observers_named(instruments: Facts) -> str:
-    """`tracker (positions) and wire (distances)`; of many the first ones and how many more."""
-    names = [f"{facts['name']} ({facts['reads']})" for facts in instruments]
+    """`tracker (positions) and socket (contacts with a fixed point, 6 sessions)`; of many the first ones and how many
+    more."""
+    names = [
+        f"{name} ({own[0]['reads']}{f', {len(own)} sessions' if len(own) > 1 else ''})"
+        for name, own in by_entry(instruments).items()
+    ]
     if len(names) > _MOST_NAMED + 1:
         names = [*names[:_MOST_NAMED], f"{len(names) - _MOST_NAMED} more"]
     return listed(names)
@@ -127,13 +147,30 @@ def noise_groups(found: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 
 def noise_words(content: Content) -> str:
     """`standard deviation 0.05 mm per axis of position (given)`."""
-    sizes = {q["noise"]: q["size"] for facts in observers(content) for q in facts["quantities"]}
     parts = []
     for group, noise in noise_groups(content["identification"]).items():
-        several = sizes.get(noise["quantity"], 3) > 1 and group.endswith(noise["quantity"])
         how = "estimated from the training data" if group in _estimated(content) else "given"
-        parts.append(f"{number(noise['sigma'])} {noise['unit']} {'per axis ' if several else ''}of {group} ({how})")
+        parts.append(f"{noise_phrase(group, noise, content)} ({how})")
     return "standard deviation " + ", ".join(parts) if parts else "given with each measurement"
+
+
+def noise_phrase(group: str, noise: Mapping[str, Any], content: Content) -> str:
+    """`0.05 mm per axis of position`."""
+    sizes = {q["noise"]: q["size"] for facts in observers(content) for q in facts["quantities"]}
+    touched = {facts.get("entry", facts["name"]) for facts in observers(content) if facts.get("constrains")}
+    several = sizes.get(noise["quantity"], 3) > 1 and group.endswith(noise["quantity"])
+    what = _of_contacts(group, noise) if noise.get("instrument") in touched else group
+    what = f"the {what}" if noise["unit"] == "px" else what
+    return f"{number(noise['sigma'])} {noise['unit']} {'per axis ' if several else ''}of {what}"
+
+
+def _of_contacts(group: str, noise: Mapping[str, Any]) -> str:
+    """What has the noise of a constraint: `each contact with left`, `the height of each contact`; `x` of one axis."""
+    entry, quantity = str(noise["instrument"]), str(noise["quantity"])
+    with_what = f" with {entry}" if group.startswith(f"{entry} ") else ""
+    axis = group.partition(quantity)[2].strip()
+    of = f"{axis or quantity} of " if axis or quantity != "position" else ""
+    return f"{f'the {of}' if of else ''}each contact{with_what}"
 
 
 def noise_of(content: Content, facts: Mapping[str, Any]) -> str:

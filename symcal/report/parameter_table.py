@@ -8,23 +8,27 @@ from typing import Any
 
 from symcal.parameters import FRAME_AXES
 from symcal.report.learnt import was_learnt
-from symcal.words import fixed, is_link_parameter, number, percent, symbol
+from symcal.words import fixed, is_link_parameter, listed, number, percent, plural, symbol
 
 Parameters = Mapping[str, Mapping[str, Any]]
 
 _DEGREES = 180 / math.pi
 _WITHOUT_SIGMA = {"rad": 4, "mm": 3}
 _MOST = 6
+_NAMED = 6  # places and instruments that a note names
 _ROBOT = {"base", "tool", "camera"}
 
 
-def parameter_table(parameters: Parameters) -> dict[str, Any]:
+def parameter_table(parameters: Parameters, settled: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Rows in the order of the parameter vector, and the notes that they need.
 
     Args:
-        parameters: by name: nominal, error, identified, sigma (mm, rad), learnt (0 to 1), unit, free; sigma and learnt
-            are None where a parameter was held.
+        parameters: by name: nominal, error, identified, sigma (mm, rad), learnt (0 to 1), unit, free, unplaced; sigma
+            and learnt are None where a parameter was held. Those that no training pose tells are left out.
+        settled: what held-out poses told of these.
     """
+    unplaced = [name for name, p in parameters.items() if p.get("unplaced")]
+    parameters = {name: p for name, p in parameters.items() if name not in unplaced}
     units = {p["unit"] for p in parameters.values()}
     decimals = {unit: _decimals(parameters, unit) for unit in units}
     rows = [_row(name, p, decimals[p["unit"]]) for name, p in parameters.items()]
@@ -48,7 +52,21 @@ def parameter_table(parameters: Parameters) -> dict[str, Any]:
         )
     if "fixed" in states:
         notes.append("Rows marked 'fixed' were held at nominal, as the experiment asks.")
+    if unplaced:
+        notes.append(_left_out(unplaced, settled or {}))
     return {"rows": rows, "notes": notes}
+
+
+def _left_out(unplaced: list[str], settled: Mapping[str, Any]) -> str:
+    """What is said of parameters that no training pose tells anything of."""
+    things = [name.replace("_", " ") for name in dict.fromkeys(name.rpartition("_")[0] for name in unplaced)]
+    if len(things) > _NAMED + 1:
+        things = [*things[:_NAMED], f"{len(things) - _NAMED} more"]
+    text = f"Left out: {plural(len(unplaced), 'parameter')} of {listed(things)}, which no training pose tells."
+    if settled.get("things"):
+        text += " Where the held-out poses put them stands in the table of frames."
+    numbers = [f"{symbol(n)} {fixed(of['value'], 3)} {of['unit']}" for n, of in settled.get("numbers", {}).items()]
+    return f"{text} The held-out poses give {listed(numbers)}." if numbers else text
 
 
 def _increments(parameters: Parameters) -> str:

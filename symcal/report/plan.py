@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from symcal.report.measured import noise_phrase, observers_named
 from symcal.report.plan_verdict import percent, plan_verdict
 from symcal.words import listed, number, plural
 
@@ -21,6 +22,8 @@ _METHODS = {
     "genetic": "genetic algorithm on whole plans",
     "random": "poses at random",
 }
+_OVER_A_SET = ("certified", "combined", "exchange")
+"""Methods that are the same where poses are chosen from a finite set."""
 _CRITERIA = {
     "D": "D: determinant of the information (product of all precisions)",
     "A": "A: sum of the variances of the scaled parameters",
@@ -47,6 +50,7 @@ def plan_text(content: Content) -> dict[str, Any]:
         "comparison": _comparison(content),
         "proof": _proof(content),
         "unseen": [entry["text"].replace("-", "\N{MINUS SIGN}") for entry in content["identifiability"]["unseen"]],
+        "promise": "How many poses" if content["promise"] is not None else "What is foretold",
         "needed": _needed(content),
         "instruments": _instruments(content),
         "methods": _methods(content),
@@ -73,7 +77,7 @@ def _read(measurement: Content) -> str:
     instruments = measurement.get("instruments", [])
     if len(instruments) < 2:
         return f"{measurement['type']} measurements"
-    return listed([f"{each['name']} ({each['reads']})" for each in instruments])
+    return observers_named(instruments)
 
 
 def _comparison(content: Content) -> dict[str, Any]:
@@ -207,12 +211,12 @@ def _way(content: Content) -> str:
 
 def _facts(content: Content) -> list[list[str]]:
     plan = content["plan"]
-    noise = [
-        f"{number(each['sigma'])} {each['unit']} per axis of {'the ' if each['unit'] == 'px' else ''}{name}"
-        for name, each in plan["noise"].items()
-    ]
+    noise = [noise_phrase(name, each, content) for name, each in plan["noise"].items()]
+    choice = "the pool" if content.get("pool") else "the candidates"
+    finite = bool(content["candidates"] or content.get("pool")) and plan["method"] in _OVER_A_SET
+    how = f"greedy choice and exchange over {choice}" if finite else _METHODS[plan["method"]]
     facts = [
-        ["method", f"{plan['method']}: {_METHODS[plan['method']]}"],
+        ["method", f"{plan['method']}: {how}"],
         ["criterion", _CRITERIA.get(plan["criterion"], f"observability index {plan['criterion']}")],
         ["task region", f"{content['region']}, uniform in joint space"],
         ["noise planned with", f"standard deviation {listed(noise)}"],

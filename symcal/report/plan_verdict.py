@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from symcal.report.measured import observers
 from symcal.words import listed, number, plural
 
 Content = Mapping[str, Any]
@@ -48,14 +49,25 @@ def _main(content: Content) -> str:
 
 def _noise(content: Content) -> str:
     noise, several = content["plan"]["noise"], len(content["measurement"].get("instruments", [])) > 1
-    words = [f"{number(each['sigma'])} {each['unit']}{f' ({name})' if several else ''}" for name, each in noise.items()]
+    names = {name: each.get("instrument", name) if _touching(content) else name for name, each in noise.items()}
+    words = [
+        f"{number(each['sigma'])} {each['unit']}{f' ({names[name]})' if several else ''}"
+        for name, each in noise.items()
+    ]
     return listed(words) if several else " and ".join(words)
+
+
+def _touching(content: Content) -> bool:
+    """Whether all that measures is what is touched."""
+    instruments = observers(content)
+    return bool(instruments) and all(facts.get("constrains", False) for facts in instruments)
 
 
 def _foretold(content: Content) -> list[str]:
     plan = content["plan"]
     text = (
-        f"With measurement noise of {_noise(content)} (standard deviation per axis) they foretell a tool error of "
+        f"With {'contacts of a noise' if _touching(content) else 'measurement noise'} of {_noise(content)} (standard "
+        "deviation per axis) they foretell a tool error of "
         f"{number(plan['mean_pose_rms_mm'])} mm rms over the region where accuracy is wanted and "
         f"{number(plan['worst_pose_rms_mm'])} mm at its worst pose."
     )

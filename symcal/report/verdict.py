@@ -56,7 +56,8 @@ def verdict(content: Content) -> list[str]:
         error = f"{'' if what.of_tool else 'a position error of '}{number(expected)} mm rms"
         sentences.append(
             "The uncertainty of the parameters alone, without the noise of a measurement, lets expect "
-            f"{error} at the {'held-out' if part == 'test' else 'training'} poses."
+            f"{error} at the {'held-out' if part == 'test' else 'training'} poses"
+            + (", what contacts cannot see included." if what.touched else ".")
         )
     if content.get("promise"):
         sentences.append(_promise(content["promise"]))
@@ -70,7 +71,8 @@ def _main(content: Content, part: str) -> str:
     angles = [content["accuracy"][part][state].get("orientation_deg") for state in ("before", "after")]
     what = judged(content)
     sentence = (
-        f"The robot's {what.error}{_as_read(what)} {_moved(before, after)} from {number(before)} {what.unit} (nominal "
+        f"The robot's {what.error}{_as_read(what)} {_moved(before, after)} from "
+        f"{number(before)} {what.unit} (nominal "
         f"kinematics, frames fitted) to {number(after)} {what.unit} rms on {_poses(content, part)}"
     )
     if all(angles):
@@ -83,16 +85,19 @@ def _main(content: Content, part: str) -> str:
 
 
 def _as_read(what: Judged) -> str:
+    if what.touched:
+        return " that it touches" + ("" if what.reader is None else f" ({what.reader})")
     return "" if what.reader is None else f", as {what.reader} reads it,"
 
 
 def _poses(content: Content, part: str) -> str:
     facts = content["accuracy"][part]
-    count = facts["after"][judged(content).key]["count"]
+    what = judged(content)
+    count = facts["after"][what.key]["count"]
     if part == "cross_validation":
-        return f"{plural(count, 'observation')} held out in turn ({facts['folds']}-fold cross-validation)"
-    if len(observers(content)) > 1:  # not every one of them reads at every pose
-        return plural(count, "held-out observation" if part == "test" else "training observation")
+        return f"{plural(count, what.counted)} held out in turn ({facts['folds']}-fold cross-validation)"
+    if len(observers(content)) > 1 or what.touched:  # not every one of them reads at every pose
+        return plural(count, f"{'held-out' if part == 'test' else 'training'} {what.counted}")
     return plural(content["measurement"]["poses"][part], "held-out pose" if part == "test" else "training pose")
 
 
@@ -102,7 +107,7 @@ def _truth(content: Content) -> str:
     count = content["accuracy"]["truth"]["after"][what.key]["count"]
     return (
         f"Against the simulated truth, without noise, the error {_moved(before, after)} from {number(before)} to "
-        f"{number(after)} {what.unit} rms on {plural(count, 'test point' if what.of_tool else 'test observation')}."
+        f"{number(after)} {what.unit} rms on {plural(count, 'test point' if what.of_tool else f'test {what.counted}')}."
     )
 
 

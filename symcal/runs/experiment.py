@@ -216,11 +216,11 @@ def _content(
         "robot": results.robot_facts(experiment.robot),
         "measurement": results.measurement_facts(experiment.model.task, poses),
         "warnings": list(notes),
-        **results.calibration_facts(calibration),
+        **results.calibration_facts(calibration, data.part("test") if "test" in data.split else None),
         "accuracy": accuracy,
         "expected_position_rms_mm": expected,
         "promise": forecast_check(file, experiment.model, data, errors),
-        "against": "noisy measurement",
+        "against": results.against(experiment.model.task),
     }
 
 

@@ -99,6 +99,7 @@ def write(outcome: PlanOutcome, folder: Path, progress: Progress) -> None:
     experiment, found = outcome.experiment, outcome.findings
     planned, problem = found.planned, found.problem
     poses = planned.plan.poses
+    touches = None if problem.touches is None else problem.touches(poses)
     write_json(folder / "results.json", outcome.content)
     write_plan(
         folder / "plan.csv",
@@ -106,14 +107,14 @@ def write(outcome: PlanOutcome, folder: Path, progress: Progress) -> None:
         poses,
         planned.motion if planned.timed else None,
         names=planned.names,
-        touches=None if problem.touches is None else problem.touches(poses),
+        touches=touches,
     )
     resolved = config.resolved(experiment.file, experiment.document, folder)
     write_document(folder / "experiment.resolved.yaml", resolved | {"seed": experiment.seed})
     (folder / "tables").mkdir()
     tool = problem.arm.motion(poses)[0]
     errors = found.accuracy.at(poses, problem.info.posterior(poses))
-    for name, table in plan_tables(experiment.robot, planned, outcome.content, tool, errors).items():
+    for name, table in plan_tables(experiment.robot, planned, outcome.content, tool, errors, touches).items():
         table.to_csv(folder / "tables" / f"{name}.csv", index=False)
     if planned.timed:
         write_waypoints(folder / "tables" / "waypoints.csv", experiment.robot, planned.motion)

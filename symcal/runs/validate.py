@@ -62,25 +62,27 @@ def validate_robot(
     own = [o for o in task.observations if o.of == instrument]
     _check_refit(refit, own)
     progress("reading the measurements")
-    new = _measurements(robot, data, own)
+    new, sessions = _measurements(robot, data, own, refit)
     names = [each.name for each in new.of]
+    _check_placed(robot, names, refit)
     errors: dict[str, Errors] = {}
     states: tuple[tuple[Literal["before", "after"], Robot], ...] = (("before", robot.nominal()), ("after", robot))
     for name, subject in states:
         progress(f"evaluating: {name}")
         recorded = recorded_task(robot.record.provenance, name, calibrated)
-        kept = recorded.observed(o for o in recorded.observations if o.name in names)
+        kept = _of_these(recorded, instrument, names, sessions)
         model = build_model(subject, _loosened(kept, refit))
         found = evaluate(_state(model, subject, new, refit), new)
         errors[name] = replace(found, fitted=len(model.placement)) if refit else found
-    task = task.observed(o for o in own if o.name in names)
+    task = _of_these(task, instrument, names, sessions)
     content = {
         **results.header(robot.name, f"Validation of {robot.name}", 0, (calibrated, data), Path.cwd()),
         "robot": results.robot_facts(robot),
-        "measurement": results.measurement_facts(task, {"test": len(new)}) | {"refit": list(refit)},
+        "measurement": results.measurement_facts(task, {"test": len(new)})
+        | {"refit": list(refit), "estimate": _found_in_training(robot)},
         "warnings": list(new.notes),
         "accuracy": {"test": results.accuracy_facts(errors)},
-        "against": "noisy measurement",
+        "against": results.against(task),
     }
     if out is not None:
         with run_folder(out) as folder:
@@ -90,9 +92,11 @@ def validate_robot(
     return content
 
 
-def _measurements(robot: Robot, data: Path, own: Sequence[Observation]) -> Dataset:
+def _measurements(
+    robot: Robot, data: Path, own: Sequence[Observation], refit: tuple[str, ...]
+) -> tuple[Dataset, tuple[str, ...]]:
     """New measurements of an instrument with the canonical columns, or those that the calibration was read from; by
-    session where it has a place of its own in each."""
+    session where it has a place of its own in each. Then the sessions that the calibration does not know."""
     assert robot.record is not None
     record = robot.record.provenance.get("layout", {})
     record = record.get(own[0].of, record)
@@ -102,19 +106,65 @@ def _measurements(robot: Robot, data: Path, own: Sequence[Observation]) -> Datas
     layout = Layout(named, where, record.get("delimiter"), record.get("decimal", "."))
     if len(own) == 1:
         found = _read(robot, data, own[0], layout, None)
-        return replace(found, split=("test",) * len(found))
+        return replace(found, split=("test",) * len(found)), ()
     table, known = layout.table(data), {o.session: o for o in own}
     if "session" not in table.columns:
         message = "this instrument has a place of its own in each session: the measurements need a column 'session'"
         raise InputError(message, file=data, line=table.head_line, allowed=known)
     sessions = list(dict.fromkeys(table.text("session")))
-    for session in sessions:
-        if session not in known:
-            message = "the calibration knows no such session: where the instrument stood in it is not known"
-            raise InputError(message, file=data, column="session", found=session, allowed=known)
-    sets = [_read(robot, data, known[session], layout, session) for session in sessions]
+    new = [session for session in sessions if session not in known]
+    one = own[0]
+    if new and (one.of not in refit or any(o.target.name != one.target.name for o in own)):
+        message = "the calibration knows no such session: where the instrument stood in it is not known"
+        if one.of not in refit:
+            message += f"; '--refit {one.of}' fits its place to these measurements"
+        raise InputError(message, file=data, column="session", found=new[0], allowed=known)
+    sets = [_read(robot, data, known.get(session) or _stranger(one, session), layout, session) for session in sessions]
     found = merged(sets, sessions)
-    return replace(found, split=("test",) * len(found))
+    return replace(found, split=("test",) * len(found)), tuple(new)
+
+
+def _stranger(like: Observation, session: str) -> Observation:
+    """The same instrument in a session that the calibration does not know."""
+    name = f"{like.of}_{session}"
+    return replace(like, name=name, session=session, place_name=name, at=replace(like.at, frame=np.eye(4)))
+
+
+def _of_these(task: Task, instrument: str, names: Sequence[str], sessions: Sequence[str]) -> Task:
+    """The task of what has read the new data, in its order, unknown sessions among it."""
+    own = [o for o in task.observations if o.of == instrument]
+    known = {o.name: o for o in (*own, *(_stranger(own[0], session) for session in sessions))}
+    return task.observed([known[name] for name in names])
+
+
+def _check_placed(robot: Robot, names: Sequence[str], refit: tuple[str, ...]) -> None:
+    """Refuse to judge by places that the calibration does not know.
+
+    Raises:
+        InputError: no training pose told where something stands, and it is not fitted to the new data.
+    """
+    assert robot.record is not None
+    record = robot.record.provenance.get("measurements", {})
+    for name in names:
+        own = record.get(name, {})
+        for thing in dict.fromkeys(parameter.rpartition("_")[0] for parameter in own.get("unplaced", [])):
+            if not {thing, own["entry"]} & set(refit):
+                message = (
+                    f"where '{thing}' stands no training pose told: fit it to these measurements with "
+                    f"'--refit {own['entry']}', which then judge the kinematics and not where the robot stands"
+                )
+                raise InputError(message, key="--refit")
+
+
+def _found_in_training(robot: Robot) -> list[str]:
+    """Places and targets that were to be found in the calibration."""
+    assert robot.record is not None
+    found = []
+    for each in robot.record.provenance.get("measurements", {}).values():
+        unknown = each.get("unknown", {})
+        found += [each["names"]["place"]] * bool(unknown.get("place"))
+        found += [each["target"]["name"]] * bool(unknown.get("target"))
+    return list(dict.fromkeys(found))
 
 
 def _read(robot: Robot, data: Path, o: Observation, layout: Layout, session: str | None) -> Dataset:

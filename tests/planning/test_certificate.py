@@ -138,6 +138,6 @@ def test_candidates_are_searched_completely(rng):
     where = FeasibleSet(info.area.sample(rng, 200), None)
     proof = certify(info, where.sample[:40], criterion("D"), where, rng)
     assert proof.exhaustive
-    assert "all 200 candidate poses" in proof.statement
+    assert "all 200 poses to choose from" in proof.statement
     slope = np.linalg.inv(proof.design.matrix)
     assert proof.gap == pytest.approx(max(info.function.weighted(where.sample, slope).max() - info.rank, 0.0), abs=1e-6)

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from symcal.calibration.identify import Calibration as Calibration
     from symcal.calibration.identify import identify as identify
     from symcal.calibration.simulate import simulate as simulate
+    from symcal.camera.board import Board as Board
+    from symcal.camera.board import parse_board as parse_board
     from symcal.compensation.compensate import compensate as compensate
     from symcal.compensation.targets import commanded as commanded
     from symcal.compensation.targets import wanted as wanted
@@ -77,6 +79,8 @@ if TYPE_CHECKING:
     from symcal.runs.run import run as run
 
 _HOME = {
+    "Board": "camera.board",
+    "parse_board": "camera.board",
     "compensate": "compensation.compensate",
     "convert": "robot.conventions",
     "Dataset": "data.dataset",

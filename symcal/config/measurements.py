@@ -176,13 +176,14 @@ PointConfig = Annotated[
 class TargetConfig(PlaceConfig):
     """What is read: points and axes by name in a frame of its own, or that frame.
 
-    file: a target.yaml with discs, for cameras.
+    file: a target.yaml with discs, for cameras. board: a printed board, as `charuco:12x9:30mm:22mm:DICT_4X4_100`.
     """
 
     on: str = "tool"
     points: dict[Name, PointConfig] = {}
     axes: dict[Name, Triple] = {}
     file: str | None = None
+    board: str | None = None
 
     @property
     def to_be_found(self) -> bool:
@@ -192,6 +193,8 @@ class TargetConfig(PlaceConfig):
     def _sensible(self) -> TargetConfig:
         if self.file is not None and (self.points or self.axes):
             raise PydanticCustomError("target", "give the points in 'file' or here, not both")
+        if self.board is not None and (self.file is not None or self.points):
+            raise PydanticCustomError("target", "a board has its own points: leave 'points' and 'file' out")
         for name, axis in self.axes.items():
             if not any(axis):
                 raise PydanticCustomError("target", "the axis '{name}' cannot be the zero vector", {"name": name})

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.camera.board import Board, parse_board
 from symcal.camera.files import read_camera, read_target
 from symcal.camera.target import Target as Marks
 from symcal.config.experiment import ExperimentFile
@@ -233,11 +234,19 @@ def _target(
     if config.file is not None:
         marks = read_target(existing(document, config.file, (*key, "file"), "target file"))
         points = {**marks.by_name}
-    if instrument.reads == "points" and not points and not axes:
+    board = None if config.board is None else _board(config.board, document, (*key, "board"))
+    if instrument.reads == "points" and not points and not axes and board is None:
         points = {"P": (0.0, 0.0, 0.0)}  # the origin of the place itself
     if instrument.reads == "axes" and not axes and not points:
         axes = {"z": (0.0, 0.0, 1.0)}
-    return Target(called, place, points, axes, marks, near=near)
+    return Target(called, place, points, axes, marks, near=near, board=board)
+
+
+def _board(text: str, document: Document, key: Key) -> Board:
+    try:
+        return parse_board(text)
+    except InputError as error:
+        raise document.error(error.message, key, found=error.found, allowed=error.allowed) from None
 
 
 # ------------------------------------------------------------------------------------------------------------ the data

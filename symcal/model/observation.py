@@ -13,7 +13,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.camera.board import Board
 from symcal.camera.target import Target as Marks
+from symcal.errors import InputError
 from symcal.instruments import Instrument
 from symcal.parameters import FRAME_AXES, coordinate_names, frame_names
 
@@ -53,7 +55,8 @@ class Target:
     name: by which its unknown place and points are called; `tool` of the short form, whose place is the tool itself.
     points: mm, in its frame; None: to be found, from first guesses under ``near`` where there are any. unknown: all of
     them are, and their coordinates first guesses.
-    axes: directions in its frame, of any length. marks: a camera's plate with discs, if it is one.
+    axes: directions in its frame, of any length. marks: a camera's plate with discs, if it is one. board: a printed
+    board, if it is one: its points are called by their numbers, and known.
     """
 
     name: str = "tool"
@@ -63,6 +66,15 @@ class Target:
     marks: Marks | None = None
     unknown: bool = False
     near: Mapping[str, Point] = field(default_factory=dict)
+    board: Board | None = None
+
+    def __post_init__(self) -> None:
+        if self.board is None:
+            return
+        points = {str(i): (float(x), float(y), float(z)) for i, (x, y, z) in enumerate(self.board.points)}
+        if self.unknown or (self.points and dict(self.points) != points):
+            raise InputError("a board has its own points, and they are known", key=f"targets.{self.name}.points")
+        object.__setattr__(self, "points", points)
 
     @property
     def unknown_points(self) -> tuple[str, ...]:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from symcal.calibration.identify import Calibration as Calibration
     from symcal.calibration.identify import identify as identify
     from symcal.calibration.simulate import simulate as simulate
+    from symcal.camera.board import Board as Board
     from symcal.camera.board import parse_board as parse_board
     from symcal.camera.files import read_camera as read_camera
     from symcal.camera.files import write_camera as write_camera
@@ -86,6 +87,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "calibrate_camera": "vision.calibrate",
+    "Board": "camera.board",
     "compensate": "compensation.compensate",
     "detect_boards": "vision.board",
     "load_corners": "vision.corners",

@@ -73,7 +73,7 @@ def test_a_projected_posture_lies_on_the_constraint_in_an_independent_model(seed
     rng = np.random.default_rng(seed)
     scenario = SCENARIOS[name](rng)
     model = replace(told(name, scenario), setup=scenario.setup)
-    q = measured(model, rng)[:12]
+    q = measured(model, scenario, rng)[:12]
     missed = Witness(scenario).residual(q, {})
     norms = np.column_stack([np.linalg.norm(r.real, axis=1) for r in missed])
     assert np.all(norms.min(axis=1) < TOUCHING)

@@ -11,7 +11,7 @@ from symcal.camera.camera import in_image
 from symcal.data.dataset import Dataset, Readings
 from symcal.errors import RefusedError
 from symcal.instruments.noise import Noise
-from symcal.kernels import batch_function
+from symcal.model.assembled import margins_kernel, readings_kernel
 from symcal.model.contact import constraints, projected, touched
 from symcal.model.measurement import Part
 from symcal.model.model import Model
@@ -29,7 +29,7 @@ def simulate(
             postures that nominally lie on it, see `symcal.model.contact`.
     Returns:
         measurements with noise, and the readings at which the true robot touches; NaN for a feature that the instrument
-        cannot read there, such as a point out of the camera's image.
+        cannot read there, such as a point out of the camera's image, and for a target of which too little is seen.
     Raises:
         RefusedError: a true robot that cannot touch there.
     """
@@ -37,7 +37,7 @@ def simulate(
     touching = touched(model.measurement, model.setup, q)
     q = _touching(model, x, q, touching, noise, rng)
     contacts = {part.observation.name: touching[:, i] for i, part in enumerate(constraints(model.measurement))}
-    (h,) = batch_function(model.measurement.predict, evaluations=len(q))(q, x, model.setup.vector)
+    (h,) = readings_kernel(model.measurement, len(q))(q, x, model.setup.vector)
     z = np.empty_like(h)
     for part in model.measurement.parts:
         o = part.observation
@@ -81,12 +81,15 @@ def _touching(
 
 def _can_be_read(model: Model, part: Part, x: Array, q: Array, read: Array) -> NDArray[np.bool_]:
     """Which features are within the instrument's limits, shape (N, k); of image points also where noise takes them."""
-    if part.margins is None:
+    margins = margins_kernel(part, len(q))
+    if margins is None:
         return np.ones(read.shape[:2], dtype=np.bool_)
-    (margins,) = batch_function(part.margins, evaluations=len(q))(q, x, model.setup.vector)
-    seen = (margins.reshape(*read.shape[:2], -1) > 0).all(axis=2)
-    camera = part.observation.instrument.camera
-    return np.asarray(seen if camera is None else seen & in_image(camera, read))
+    seen = (margins(q, x, model.setup.vector) > 0).all(axis=2)
+    camera, target = part.observation.instrument.camera, part.observation.target
+    if camera is not None:
+        seen &= in_image(camera, read)
+        seen &= (seen.sum(axis=1) >= target.needed)[:, None]
+    return np.asarray(seen)
 
 
 def concatenate(first: Dataset, second: Dataset) -> Dataset:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.camera.board import Board, parse_board
 from symcal.camera.files import read_camera, read_target
 from symcal.camera.target import Target as Marks
 from symcal.config.experiment import ExperimentFile
@@ -298,11 +299,26 @@ def _target(
     if config.file is not None:
         marks = read_target(existing(document, config.file, (*key, "file"), "target file"))
         points = {**marks.by_name}
-    if instrument.reads == "points" and not points and not axes:
+    board = None if config.board is None else _board(config.board, document, (*key, "board"))
+    if instrument.reads == "points" and not points and not axes and board is None:
         points = {"P": (0.0, 0.0, 0.0)}  # the origin of the place itself
     if instrument.reads == "axes" and not axes and not points:
         axes = {"z": (0.0, 0.0, 1.0)}
-    return Target(called, place, points, axes, marks, near=near)
+    incidence = None if config.incidence is None else config.incidence * file.units.factor("rad")
+    made = Target(called, place, points, axes, marks, near=near, board=board, incidence=incidence)
+    if config.seen is None:
+        return made
+    if config.seen != "whole" and config.seen > len(made.points):
+        message = f"the target has {len(made.points)} points"
+        raise document.error(message, (*key, "seen"), found=config.seen)
+    return replace(made, least=len(made.points) if config.seen == "whole" else config.seen)
+
+
+def _board(text: str, document: Document, key: Key) -> Board:
+    try:
+        return parse_board(text)
+    except InputError as error:
+        raise document.error(error.message, key, found=error.found, allowed=error.allowed) from None
 
 
 # ------------------------------------------------------------------------------------------------------------ the data

@@ -155,7 +155,7 @@ def _postures(
         if part is not None:
             q, met = projected(model, part, q, x, *limits)
             q = q[met]
-            q = q[_within(model, part, q, x)]
+            q = q[upright(model, part, q)]
         if feasible is not None and len(q):
             q = q[feasible(q)]
         kept.append(q)
@@ -163,9 +163,9 @@ def _postures(
     return np.concatenate([*kept, np.zeros((0, model.robot.dof))])[:wanted]
 
 
-def _within(model: Model, part: Part, q: Array, x: Array) -> Mask:
-    """Which postures keep the constraint's own limits, shape (N,)."""
+def upright(model: Model, part: Part, q: Array) -> Mask:
+    """Which postures keep a constraint's own limits, such as its tilt, shape (N,)."""
     if part.margins is None or not len(q):
         return np.ones(len(q), dtype=np.bool_)
-    (margins,) = batch_function(part.margins, evaluations=0)(q, x, model.setup.vector)
+    (margins,) = batch_function(part.margins, evaluations=0)(q, np.zeros(len(model.parameters)), model.setup.vector)
     return np.asarray((margins.reshape(len(q), -1) > 0).all(axis=1))

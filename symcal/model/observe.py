@@ -22,9 +22,12 @@ import numpy as np
 from symcal import kinematics
 from symcal.errors import InputError
 from symcal.kinematics import Chain, Station
+from symcal.model.facing import limits_of, margins_of
 from symcal.model.growth import growth_slope
 from symcal.model.measurement import Group, Measurement, Part
 from symcal.model.observation import Observation, Place, Target
+from symcal.model.staged_kernel import StagedKernel, staged_kernel
+from symcal.model.stages import alike, stages
 
 SX = ca.SX
 
@@ -46,18 +49,12 @@ def observe(chain: Chain, *observations: Observation, values: tuple[Observation,
     everything: list[SX] = []
     for i, observation in enumerate(observations):
         kind, own = observation.instrument, _Expressions()
-        for feature in scene.features(observation):
+        for feature in () if observation.staged else scene.features(observation):
             own.add(observation, feature, scene.growth)
         size = sum(quantity.size for quantity in kind.quantities)
         count = max(len(observation.features), 1)
         width, m = len(kind.columns) * count, size * count
-        judged, turned = kind.error[2] * count, sum(a.numel() for a in own.attitudes)
-        name = f"o{i}"  # names of people need not be names of functions
-        residual = kinematics.function(
-            f"{name}_residual",
-            state | {"z": ca.vertcat(*own.z)},
-            {"r": ca.vertcat(*own.residuals), "J": ca.vertcat(*own.jacobians)},
-        )
+        judged, turned = kind.error[2] * count, sum(a.numel() for a in own.attitudes)  # of points there are none
         parts.append(
             Part(
                 observation,
@@ -65,25 +62,24 @@ def observe(chain: Chain, *observations: Observation, values: tuple[Observation,
                 slice(components, components + m),
                 slice(errors, errors + judged),
                 slice(errors + judged, errors + judged + turned),
-                residual,
-                kinematics.function(f"{name}_margins", state, {"m": ca.vertcat(*own.margins)}) if kind.limits else None,
-                _contact(f"{name}_contact", state, own) if kind.constrains else None,
+                *_functions(scene, state, observation, own, f"o{i}"),  # names of people need not be names of functions
             )
         )
         groups += _groups(observation, components, count, alone=len({o.of for o in observations}) == 1)
         everything += [*own.errors, *own.attitudes]
         every.extend(own)
         readings, components, errors = readings + width, components + m, errors + judged + turned
-    z = ca.vertcat(*every.z)
+    n = len(chain.parameters)
+    z = _stacked(every.z)
     where = scene.robot_points(observations)
     return Measurement(
         chain=chain,
         parts=tuple(parts),
         groups=_together(groups),
         points_called=tuple(scene.coordinates),
-        predict=kinematics.function("predict", state, {"h": ca.vertcat(*every.readings)}),
-        jacobian=kinematics.function("planned", state, {"J": ca.vertcat(*every.planned)}),
-        accuracy=kinematics.function("accuracy", state | {"z": z}, {"e": ca.vertcat(*everything)}),
+        predict=kinematics.function("predict", state, {"h": _stacked(every.readings)}),
+        jacobian=kinematics.function("planned", state, {"J": _stacked(every.planned, n)}),
+        accuracy=kinematics.function("accuracy", state | {"z": z}, {"e": _stacked(everything)}),
         points=kinematics.function(
             "points", state, {"p": ca.vertcat(*(p for p, _ in where)), "J": ca.vertcat(*(j for _, j in where))}
         ),
@@ -109,6 +105,28 @@ def _value(scene: _Scene, name: str, observation: Observation, state: dict[str, 
     z, given = ca.vertcat(*rows.z), ca.DM(observation.value)
     weighted = {"r": ca.vertcat(*rows.residuals) / sigma, "J": ca.diag(1 / sigma) @ ca.vertcat(*rows.jacobians)}
     return kinematics.function(name, state, {key: ca.substitute(each, z, given) for key, each in weighted.items()})
+
+
+def _functions(
+    scene: _Scene, state: dict[str, SX], observation: Observation, own: _Expressions, name: str
+) -> tuple[ca.Function | StagedKernel, ca.Function | None, ca.Function | None]:
+    """Residuals of an observation, its margins unless they are in stages too, and what its postures must lie on."""
+    if observation.staged:
+        numbers, by_own = scene.own_numbers(observation)
+        return staged_kernel(stages(state, observation, *scene.ends(observation), numbers, by_own)), None, None
+    residual = kinematics.function(
+        f"{name}_residual",
+        state | {"z": ca.vertcat(*own.z)},
+        {"r": ca.vertcat(*own.residuals), "J": ca.vertcat(*own.jacobians)},
+    )
+    limits, constrains = limits_of(observation), observation.instrument.constrains
+    margins = kinematics.function(f"{name}_margins", state, {"m": ca.vertcat(*own.margins)}) if limits else None
+    return residual, margins, _contact(f"{name}_contact", state, own) if constrains else None
+
+
+def _stacked(rows: list[SX], columns: int = 1) -> SX:
+    """Rows one after the other; none at all where every observation is in stages."""
+    return ca.vertcat(SX(0, columns), *rows)
 
 
 def _groups(observation: Observation, start: int, features: int, *, alone: bool) -> Iterator[Group]:
@@ -187,8 +205,8 @@ class _Expressions:
             into.append(jacobian / share - (0 if measured is None else by_growth))
         riding = observation.riding and observation.reports == "target"
         shift, attitude = kind.miss(*at, reading, feature.own, riding=riding)
-        self.margins.append(kind.margins(*at, feature.own))
         self.points.append(feature.point)
+        self.margins.append(margins_of(observation, *at, feature.own))
         self.z.append(reading)
         self.readings.append(kind.predict(*at, feature.own))
         self.residuals.append(residual)
@@ -253,12 +271,15 @@ class _Scene:
         )
         return ends if observation.reports == "target" else (ends[1], ends[0])
 
-    def features(self, observation: Observation) -> Iterator[_Feature]:
-        parameters = self.chain.parameters
-        place = {name: i for i, name in enumerate(parameters.names)}
+    def own_numbers(self, observation: Observation) -> tuple[SX, dict[int, int]]:
+        """Numbers of the instrument, and which of them are parameters with their columns."""
+        place = {name: i for i, name in enumerate(self.chain.parameters.names)}
         names = [f"{observation.prefix}{name}" for name in observation.instrument.own]
         own = ca.vertcat(*(self.own[name] + self.x.get(name, 0) for name in names))
-        by_own = {i: place[name] for i, name in enumerate(names) if name in place}
+        return own, {i: place[name] for i, name in enumerate(names) if name in place}
+
+    def features(self, observation: Observation) -> Iterator[_Feature]:
+        own, by_own = self.own_numbers(observation)
         reader, read = self.ends(observation)
         turn = kinematics.omegas(read.screws)
         for feature in observation.features or ("",):
@@ -294,6 +315,11 @@ class _Scene:
         for observation in observations:
             if observation.target.at.moves:
                 read = self.station(observation.target.name, observation.target.at)
+                if observation.staged:
+                    for i, c in enumerate(alike(observation.target.nominal)):
+                        at = read.origin + read.rotation @ SX(c)
+                        found.setdefault((observation.target.name, str(i)), (at, kinematics.stack(read.screws, at)))
+                    continue
                 for feature in observation.features or ("",):
                     key = (observation.target.name, feature if observation.instrument.reads == "points" else "")
                     if key not in found:
@@ -307,8 +333,12 @@ class _Scene:
 
 
 def points_called(observations: tuple[Observation, ...]) -> tuple[str, ...]:
-    """What the points of all targets are called as parameters, each once; the order of a setup's points."""
-    return tuple(dict.fromkeys(o.target.qualified(point) for o in observations for point in o.target.points))
+    """What the points of all targets are called as parameters, each once; the order of a setup's points.
+
+    Not those of targets in one piece, which are no numbers of a setup.
+    """
+    loose = [o.target for o in observations if not o.target.rigid]
+    return tuple(dict.fromkeys(target.qualified(point) for target in loose for point in target.points))
 
 
 def places_of(observations: tuple[Observation, ...]) -> dict[str, Place]:

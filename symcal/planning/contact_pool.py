@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import InputError, RefusedError
-from symcal.model.contact import constraints, contact_postures, projected
+from symcal.model.contact import constraints, contact_postures, projected, upright
 from symcal.model.model import Model
 from symcal.planning.area import Feasible, WorkingArea
 
@@ -52,7 +52,7 @@ def nearest_contacts(model: Model, poses: Array) -> Array:
     best, distance = poses.copy(), np.full(len(poses), np.inf)
     for part in constraints(model.measurement):
         q, met = projected(model, part, poses, x, model.robot.lower, model.robot.upper)
-        far = np.where(met, np.linalg.norm(q - poses, axis=1), np.inf)
+        far = np.where(met & upright(model, part, q), np.linalg.norm(q - poses, axis=1), np.inf)
         nearer = far < distance
         best[nearer], distance[nearer] = q[nearer], far[nearer]
     if not np.isfinite(distance).all():

@@ -16,17 +16,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
 from symcal.fit.identifiability import Identifiability, analyse
 from symcal.fit.whitened import beforehand
-from symcal.model.contact import TOUCHING
-from symcal.model.measurement import Measurement, Part, Setup
+from symcal.model.measurement import Measurement, Setup
 from symcal.planning.area import Feasible, WorkingArea, working_area
-from symcal.planning.subspace_rows import SubspaceRows, subspace_rows
+from symcal.planning.staged_rows import StagedRows, measured_rows
+from symcal.planning.subspace_rows import SubspaceRows
 
 Array = NDArray[np.float64]
 
@@ -53,7 +52,7 @@ class PoseInformation:
     seen: Identifiability
     prior: Array
     sizes: Array
-    function: SubspaceRows
+    function: SubspaceRows | StagedRows
 
     @property
     def basis(self) -> Array:
@@ -67,10 +66,10 @@ class PoseInformation:
 
     @property
     def components(self) -> int:
-        """The most residual components that one pose gives: it touches one thing at a time."""
-        sizes = [(part.contact is None, part.size) for part in self.measurement.parts]
-        touches = max((size for reads, size in sizes if not reads), default=0)
-        return sum(size for reads, size in sizes if reads) + touches
+        """The most rows that one pose gives: its residual components, or fewer with the same information; it touches
+        one thing at a time."""
+        touches = [part.size for part in self.measurement.parts if part.contact is not None]
+        return self.function.components - sum(touches) + max(touches, default=0)
 
     def rows(self, poses: Array) -> Array:
         """F at each pose, shape (N, m, n); poses (N, dof) in rad or mm."""
@@ -136,18 +135,13 @@ def pose_information(
     index = parameters.indices(names)
     scales = parameters.scales[index]
     prior_rows = _known(measurement, setup, tuple(names), prior_rows)
-    whitening = 1.0 / measurement.per_component(sigmas)
-    q = ca.SX.sym("q", robot.dof)
-    at_nominal = measurement.jacobian(q, np.zeros(len(parameters)), setup.vector)
-    read = ca.vertcat(*(_read(part, q, setup) for part in measurement.parts))
-    scaled = ca.diag(whitening * read) @ at_nominal[:, index.tolist()] @ ca.diag(scales)
-    whole = subspace_rows("rows", q, scaled, np.eye(len(names)))
+    whole = measured_rows(measurement, setup, measurement.per_component(sigmas), index, scales)
 
     sampled = whole.full(_typical(area, feasible) if typical is None else typical)
     sampled = sampled[np.isfinite(sampled).all(axis=(1, 2))].reshape(-1, len(names))
     prior = _priors(measurement, names, prior_rows) * scales
     # as much information as ``poses`` average ones have
-    stacked = np.vstack([sampled * np.sqrt(poses * measurement.rows / max(len(sampled), 1)), prior])
+    stacked = np.vstack([sampled * np.sqrt(poses * whole.components / max(len(sampled), 1)), prior])
     full = np.zeros((len(stacked), len(parameters)))
     full[:, index] = stacked / scales
     seen = analyse(full, parameters, names)
@@ -168,14 +162,6 @@ def pose_information(
         sizes=_sizes(measurement, names, scales, prior_rows),
         function=whole.on(seen.seen),
     )
-
-
-def _read(part: Part, q: ca.SX, setup: Setup) -> ca.SX:
-    """One for each component that a posture gives, zero for those of a constraint that it does not touch, (m,)."""
-    if part.contact is None:
-        return ca.SX.ones(part.size)
-    c = part.contact(q, np.zeros(part.contact.size1_in("x")), setup.vector)[0]
-    return ca.if_else(ca.norm_2(c) < TOUCHING, 1.0, 0.0) * ca.SX.ones(part.size)
 
 
 def _sizes(measurement: Measurement, names: tuple[str, ...], scales: Array, extra: Array | None) -> Array:

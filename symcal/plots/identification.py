@@ -10,6 +10,7 @@ from symcal.data.dataset import Dataset
 from symcal.plots.contacts import contacts, has_contacts
 from symcal.plots.convergence import convergence
 from symcal.plots.distribution import error_distribution
+from symcal.plots.image_residuals import image_residuals
 from symcal.plots.learnt import what_was_learnt
 from symcal.plots.parameters import correlation_matrix, parameter_corrections
 from symcal.plots.poses import errors_per_pose
@@ -40,6 +41,7 @@ def identification_figures(
         error_distribution(errors[judged], judged, against=against),
         *([contacts(calibration, data, places)] if has_contacts(calibration, data) else []),
         residuals_per_axis(errors, against),
+        *image_residuals(calibration, data),
         *([what_was_learnt(calibration), parameter_corrections(calibration)] if calibration.model.kinematic else []),
         convergence(calibration, parts, places),
         singular_values(calibration.after.identifiability),

@@ -22,6 +22,7 @@ from symcal.model.task import Task
 from symcal.parameters import coordinate_names
 from symcal.robot.robot import Robot
 from symcal.spatial import transform
+from symcal.words import in_short
 
 Array = NDArray[np.float64]
 
@@ -102,7 +103,7 @@ def stack(model: Model) -> tuple[Added, ...]:
             for rows in (part.components, own)
         ]
         facts = observation_facts(o)
-        features = f" {', '.join(o.features)}" if o.features else ""
+        features = f" {in_short(o.features)}" if o.features else ""
         found.append(
             Added(
                 o.name,
@@ -170,6 +171,11 @@ def _sampled(model: Model) -> Array:
         for part, own in zip(parts, touched(model.measurement, there.setup, q).T, strict=True):
             weight[:, part.components] *= own[:, None]
     (jacobian,) = model.jacobian(q, x, setup.vector)
+    for part in model.measurement.parts:  # points at a camera's very centre would drown all others
+        if part.observation.instrument.is_camera:
+            rows = jacobian[:, part.components]
+            size = np.linalg.norm(rows * model.parameters.scales, axis=2, keepdims=True)
+            jacobian[:, part.components] = rows / np.maximum(size / np.median(size), 1.0)
     return np.asarray(jacobian * weight[:, :, None])
 
 

@@ -20,7 +20,11 @@ from symcal.instruments.noise import Noise
 from symcal.model.contact import constraints, contact_postures
 from symcal.model.model import Model
 from symcal.model.observation import Observation
+from symcal.planning.area import WorkingArea, draw
+from symcal.planning.constraints import feasible
 from symcal.planning.drive_plan import Planned
+from symcal.planning.plan_constraints import asked_view
+from symcal.planning.visibility import within_limits
 from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -136,21 +140,23 @@ def _simulated(
     units = dict(zip(model.parameters.names, model.parameters.units, strict=True))
     truth = config.truth_of(source, file, document, dict(units), rng)
     noise = config.noise_of(file, source, model.task.observations)
-    random = _postures(model, file.plan.poses, lower, upper, rng)
+    limits = within_limits(model, asked_view(file))
+    seen = feasible(limits) if limits else None  # nobody measures where nothing is seen
+
+    def uniform(count: int) -> Array:
+        return rng.uniform(lower, upper, (count, len(lower)))
+
+    def anywhere(count: int) -> Array:
+        if constraints(model.measurement):
+            return contact_postures(model, count, uniform, (lower, upper), seen)
+        return uniform(count) if seen is None else draw(WorkingArea(lower, upper), rng, count, seen)
+
+    random = anywhere(file.plan.poses)
     train = simulate(model, truth, random if planned is None else planned.plan.poses, noise, rng)
     robot = true_robot(model, truth)
     if not source.test_poses:
         return MeasuredData(train, truth=robot)
-    q = _postures(model, source.test_poses, lower, upper, rng)
+    q = anywhere(source.test_poses)
     test = simulate(model, truth, q, noise, rng, "test")
     exact = simulate(model, truth, q, Noise(), rng, "test")
     return MeasuredData(concatenate(train, test), truth=robot, exact=exact)
-
-
-def _postures(model: Model, count: int, lower: Array, upper: Array, rng: np.random.Generator) -> Array:
-    """Random postures of the working area; of those that must touch something, such as do."""
-
-    def draw(number: int) -> Array:
-        return rng.uniform(lower, upper, (number, len(lower)))
-
-    return contact_postures(model, count, draw, (lower, upper)) if constraints(model.measurement) else draw(count)

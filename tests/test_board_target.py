@@ -61,7 +61,7 @@ def test_python_knows_boards_too() -> None:
 @pytest.mark.parametrize(
     ("target", "message"),
     [
-        ("{on: world, place: unknown, board: 'charuco:6x5'}", "a board is kind"),
+        ("{on: world, place: unknown, board: 'charuco:6x5'}", "a board is charuco"),
         ("{on: world, place: unknown, board: 'cube:6x5:30mm'}", "unknown kind of board"),
         (f"{{on: world, place: unknown, board: '{TEXT}', points: {{P: [0, 0, 0]}}}}", "its own points"),
     ],

@@ -12,7 +12,8 @@ from symcal import spatial
 from symcal.camera.board import Board
 from symcal.camera.camera import Camera
 from symcal.camera.target import Target
-from symcal.images.measure import MeasuredImages, Shot
+from symcal.images.measure import MeasuredImages
+from symcal.images.shots import Shot
 from symcal.model.measurement import Setup
 from symcal.model.model import Model
 from symcal.model.task import CAMERA

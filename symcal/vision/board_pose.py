@@ -32,8 +32,8 @@ class BoardPose:
     poses: T_camera_board, the likeliest first, shape (k, 4, 4), mm, k = 1 or 2: a small or far board looks the same
     tilted one way and the other. rms_px: reprojection error of the first, of the points' distances.
     sigma: rms standard deviation of the board's middle and of points at `LEVER` from it along its axes, mm.
-    focal: focal length over the camera's at which the view fits best, and its standard deviation; NaN where the view,
-    seen head-on, says nothing.
+    focal, focal_sigma: focal length over the camera's at which the view fits best, and its standard deviation, which is
+    infinite where the view, seen head-on, says nothing. focal_rms_px: reprojection error at that focal length.
     """
 
     poses: Float
@@ -41,6 +41,7 @@ class BoardPose:
     sigma: float
     focal: float
     focal_sigma: float
+    focal_rms_px: float
 
 
 def board_pose(camera: Camera, board: Board, detection: BoardDetection) -> BoardPose | None:
@@ -70,8 +71,11 @@ def board_pose(camera: Camera, board: Board, detection: BoardDetection) -> Board
     if len(kept) == 2 and np.abs(kept[0] - kept[1]).max() < _SAME * max(1.0, float(np.abs(kept[0]).max())):
         kept.pop()
     free = _fitted(camera, points - middle, detection.pixels, best.state, focal=True)
-    focal, sigma = (np.nan, np.nan) if free is None else (float(free.state[6]), float(np.sqrt(free.covariance[6, 6])))
-    return BoardPose(np.array([_matrix(state, middle) for state in kept]), best.rms, _scatter(best), focal, sigma)
+    poses = np.array([_matrix(state, middle) for state in kept])
+    if free is None:
+        return BoardPose(poses, best.rms, _scatter(best), 1.0, np.inf, best.rms)
+    focal, sigma = float(free.state[6]), float(np.sqrt(free.covariance[6, 6]))
+    return BoardPose(poses, best.rms, _scatter(best), focal, sigma, free.rms)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +100,7 @@ def _scatter(fitted: _Fitted) -> float:
 
 
 def _matrix(state: Float, middle: Float) -> Float:
-    rotation = np.asarray(cv2.Rodrigues(state[:3])[0])
+    rotation = np.asarray(cv2.Rodrigues(state[:3])[0], dtype=np.float64)
     return transform(rotation, state[3:6] - rotation @ middle)
 
 
@@ -129,7 +133,7 @@ def _fitted(camera: Camera, points: Float, pixels: Float, start: Float, *, focal
     normal = slopes[:, :free].T @ slopes[:, :free]
     size = np.sqrt(np.diag(normal))
     if size.min() > 0 and np.linalg.cond(normal / np.outer(size, size)) < _UNTOLD:
-        variance = max(error @ error / max(len(error) - free, 1), _FLOOR_PX**2 / 2)
+        variance = max(float(error @ error) / max(len(error) - free, 1), _FLOOR_PX**2 / 2)
         covariance[:free, :free] = np.linalg.inv(normal) * variance
     else:
         covariance[:free, :free] = np.diag(np.full(free, np.inf))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal import spatial
+from symcal.camera.board import parse_board
 from symcal.camera.files import camera_from_dict, target_from_dict, target_to_dict
 from symcal.errors import InputError
 from symcal.instruments import KINDS
@@ -43,13 +44,13 @@ def _observation(
             n: nominal.own[f"{o.prefix}{n}"] - v for n, v in zip(o.instrument.own, o.instrument.numbers, strict=True)
         }
         instrument = o.instrument.corrected({n: shifts[n] + own.get(n, 0.0) for n in o.instrument.own})
-        at = {n: setup.points[called.index(o.target.qualified(n))].tolist() for n in o.target.points}
+        at = _points_at(o, setup, called)
         states[state] = {
             "settings": instrument.record(),
             "points_mm": at,
             "places": {n: _pose(setup.places[n]) for n in dict.fromkeys((o.place, o.target.name)) if n in setup.places},
         }
-    target: dict[str, Any] = {
+    target: dict[str, Any] = _limits(o.target) | {
         "name": o.target.name,
         "on": o.target.at.on,
         "axes": {k: list(v) for k, v in o.target.axes.items()},
@@ -67,6 +68,21 @@ def _observation(
         "target": target,
         **states,
     }
+
+
+def _points_at(o: Observation, setup: Setup, called: tuple[str, ...]) -> dict[str, list[float]]:
+    """Where the points of a target are in its frame, mm; those of a board are in its name."""
+    if o.target.board is not None:
+        return {}
+    if o.target.rigid:
+        return dict(zip(o.target.points, o.target.nominal.tolist(), strict=True))
+    return {n: setup.points[called.index(o.target.qualified(n))].tolist() for n in o.target.points}
+
+
+def _limits(target: Target) -> dict[str, Any]:
+    """What is said of a target that cameras see."""
+    said = {"board": None if target.board is None else str(target.board), "incidence_rad": target.incidence}
+    return {name: value for name, value in (said | {"least": target.least}).items() if value is not None}
 
 
 def recorded_task(provenance: Mapping[str, Any], state: State, file: Path) -> Task:
@@ -101,6 +117,9 @@ def _recorded(name: str, record: Mapping[str, Any], state: State, file: Path) ->
             _points(own["points_mm"]),
             {k: (float(x), float(y), float(z)) for k, (x, y, z) in target["axes"].items()},
             None if marks is None else target_from_dict(marks, file),
+            board=None if "board" not in target else parse_board(target["board"]),
+            incidence=target.get("incidence_rad"),
+            least=target.get("least"),
         ),
         reports=record["reports"],
         session=record["session"],

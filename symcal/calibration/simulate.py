@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from symcal.camera.camera import in_image
 from symcal.data.dataset import Dataset, Readings
 from symcal.instruments.noise import Noise
-from symcal.kernels import batch_function
+from symcal.model.assembled import margins_kernel, readings_kernel
 from symcal.model.measurement import Part
 from symcal.model.model import Model
 
@@ -26,10 +26,10 @@ def simulate(
         truth: errors by parameter name, mm and rad. q: joint readings, shape (N, dof).
     Returns:
         measurements with noise; NaN for a feature that the instrument cannot read there, such as a point out of the
-        camera's image.
+        camera's image, and for a target of which too little is seen.
     """
     x = model.parameters.vector(truth)
-    (h,) = batch_function(model.measurement.predict, evaluations=len(q))(q, x, model.setup.vector)
+    (h,) = readings_kernel(model.measurement, len(q))(q, x, model.setup.vector)
     z = np.empty_like(h)
     for part in model.measurement.parts:
         o = part.observation
@@ -51,12 +51,15 @@ def simulate(
 
 def _can_be_read(model: Model, part: Part, x: Array, q: Array, read: Array) -> NDArray[np.bool_]:
     """Which features are within the instrument's limits, shape (N, k); of image points also where noise takes them."""
-    if part.margins is None:
+    margins = margins_kernel(part, len(q))
+    if margins is None:
         return np.ones(read.shape[:2], dtype=np.bool_)
-    (margins,) = batch_function(part.margins, evaluations=len(q))(q, x, model.setup.vector)
-    seen = (margins.reshape(*read.shape[:2], -1) > 0).all(axis=2)
-    camera = part.observation.instrument.camera
-    return np.asarray(seen if camera is None else seen & in_image(camera, read))
+    seen = (margins(q, x, model.setup.vector) > 0).all(axis=2)
+    camera, target = part.observation.instrument.camera, part.observation.target
+    if camera is not None:
+        seen &= in_image(camera, read)
+        seen &= (seen.sum(axis=1) >= target.needed)[:, None]
+    return np.asarray(seen)
 
 
 def concatenate(first: Dataset, second: Dataset) -> Dataset:

@@ -31,7 +31,7 @@ _NONSENSE_TURN = np.deg2rad(20.0)
 def plausibility(data: Dataset, before: State) -> tuple[str, ...]:
     """What the nominal robot with fitted frames says about units, joint order and signs."""
     model = before.model
-    r, _ = rows_of(model.measurement, data, before.setup, model.residuals)(before.x)
+    r = rows_of(model.measurement, data, before.setup, model.residuals).residual(before.x)
     return tuple(note for part in model.measurement.parts for note in _plausible(model, data, part, r))
 
 
@@ -152,7 +152,7 @@ def _adrift(model: Model, after: Fit) -> list[str]:
 
 def _refuse_nonsense(model: Model, data: Dataset, after: Fit) -> None:
     """Wrong units, signs and joint order leave errors of the robot's own size; medians, so that a slip is no reason."""
-    r, _ = rows_of(model.measurement, data, after.setup, model.residuals)(after.x)
+    r = rows_of(model.measurement, data, after.setup, model.residuals).residual(after.x)
     for part in model.measurement.parts:
         wrong = _nonsense(model, data, part, r)
         if not wrong:
@@ -198,7 +198,7 @@ def _size(model: Model, data: Dataset) -> float:
 def _outliers(model: Model, data: Dataset, after: Fit) -> list[str]:
     """Observations whose residual is no accident at the noise of the others."""
     rows = rows_of(model.measurement, data, after.setup, model.residuals)
-    r, _ = rows(after.x)
+    r = rows.residual(after.x)
     spread = spread_of(rows, known_sigma(rows, {}), after.sigmas, np.ones_like(r))
     advice = "measure them again"
     if (after.weights == rows.seen).all():

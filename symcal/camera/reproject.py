@@ -23,12 +23,12 @@ def reproject(camera: Camera, T_camera_target: Float, points: Float) -> tuple[Fl
     Args:
         camera: numbers and distortion.
         T_camera_target: shape (..., 4, 4), mm.
-        points: in the target frame, shape (n, 3), mm; all in front of the camera.
+        points: in the target frame, shape (n, 3), or (..., n, 3) of every pose its own; mm; all in front of the camera.
     Returns:
         pixels, shape (..., n, 2), px; Jacobian, shape (..., n, 2, 6), px/mm and px/rad.
     """
     rotation, translation = T_camera_target[..., None, :3, :3], T_camera_target[..., None, :3, 3]
-    x, y, z = np.moveaxis((rotation @ points[:, :, None])[..., 0] + translation, -1, 0)
+    x, y, z = np.moveaxis((rotation @ points[..., None])[..., 0] + translation, -1, 0)
     u, v = x / z, y / z
     xd, yd = distort(u, v, camera.dist)
     by_u, by_v = (np.stack(slopes, axis=-1) for slopes in distortion_slopes(u, v, camera.dist))

@@ -133,8 +133,7 @@ def fit(
     known = known_sigma(rows, options.sigma)
     missing = np.isnan(known) & rows.seen
     estimated = unknown_noise(rows, known)
-    residual, _ = rows(reference)
-    if not np.isfinite(residual).all():
+    if not np.isfinite(rows.residual(reference)).all():
         raise RefusedError("the model gives no finite number at the first guess: check joint readings and units")
     check_redundancy(rows, free, bool(estimated))
     sized = options.scales == "estimated" and bool(system.before.sized.any())
@@ -270,7 +269,7 @@ class _Search:
             own[:, list(group.columns)] = spread[:, list(group.columns)]
             rows = self.model.system.data_rows(x, own)
             taken = float(np.sum((rows[:, :-1] @ found.root) ** 2))
-            out[group.name] = float(rows[:, -1] @ rows[:, -1]), len(rows) - taken
+            out[group.name] = float(rows[:, -1] @ rows[:, -1]), int(np.isfinite(own).sum()) - taken
         return out
 
 
@@ -284,10 +283,10 @@ def check_redundancy(rows: Rows, free: tuple[str, ...], estimated: bool) -> None
     """
     parameters = rows.measurement.parameters
     index = parameters.indices(free)
-    _, jacobian = rows(np.zeros(len(parameters)))
-    stacked = jacobian.reshape(rows.seen.size, -1)[rows.seen.ravel()][:, index] * parameters.scales[index]
+    linear = rows.at(np.zeros(len(parameters)))
+    stacked = linear.weighted(np.where(rows.seen, 1.0, np.inf), index, parameters.scales[index])[:, :-1]
     stated = len(parameters.prior_rows(free))
-    equations, rank, count = stacked.shape[0] + stated, numerical_rank(stacked), len(rows.data)
+    equations, rank, count = int(rows.seen.sum()) + stated, numerical_rank(stacked), len(rows.data)
     if not free or (equations > rank if estimated else equations >= rank > 0):
         return
     unknowns = len(free) if rank == equations else rank  # so few rows cannot tell how many there are to see

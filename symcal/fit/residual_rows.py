@@ -8,13 +8,59 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.data.dataset import Dataset
-from symcal.kernels import BatchFunction, batch_function
+from symcal.model.assembled import RowKernel, rows_kernel
 from symcal.model.measurement import Measurement, Setup
+from symcal.model.staged_kernel import StagedKernel, Twists
 
 Array = NDArray[np.float64]
 
 _NO_VARIANCE = 1e-13
 """Variances below this share of a pose's largest are rounding of none at all."""
+
+
+@dataclass(frozen=True, slots=True)
+class Linear:
+    """The rows of a dataset linearised at some x; made by `Rows.at`.
+
+    r: shape (N, m), zero where nothing was measured. slopes: by observation its columns in r, its poses, and J there,
+    (N_k, m_k, n), written out or in two factors.
+    """
+
+    r: Array
+    slopes: tuple[tuple[slice, NDArray[np.intp], Array | Twists], ...]
+
+    def weighted(self, spread: Array, index: NDArray[np.intp], scales: Array) -> Array:
+        """Whitened [J S, r] by some parameters, shape (k, n' + 1).
+
+        A row for each component of finite spread; fewer, with the same triangle, where points come in one piece
+        (`Twists.compressed`).
+
+        Args:
+            spread: standard deviation of every component, shape (N, m); infinite where it does not count.
+            scales: S, shape (n',).
+        """
+        found = []
+        for columns, poses, slopes in self.slopes:
+            whole = len(poses) == len(self.r)
+            own = spread[:, columns] if whole else spread[poses, columns]
+            if isinstance(slopes, Twists):
+                rows = slopes.compressed(own, index)
+                rows[:, :-1] *= scales
+            else:
+                rows = _picked(self.r[:, columns] if whole else self.r[poses, columns], slopes, own, index, scales)
+            found.append(rows)
+        return found[0] if len(found) == 1 else np.vstack(found)
+
+
+def _picked(r: Array, jacobian: Array, spread: Array, index: NDArray[np.intp], scales: Array) -> Array:
+    keep = np.flatnonzero(np.isfinite(spread).ravel())
+    inverse = 1 / spread.ravel()[keep]
+    out = np.empty((len(keep), len(index) + 1))
+    out[:, :-1] = jacobian.reshape(r.size, -1)[np.ix_(keep, index)]
+    out[:, :-1] *= scales
+    out[:, -1] = r.ravel()[keep]
+    out *= inverse[:, None]
+    return out
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +74,7 @@ class Rows:
     measurement: Measurement
     data: Dataset
     setup: Setup
-    kernels: tuple[BatchFunction, ...]
+    kernels: tuple[RowKernel, ...]
     poses: tuple[NDArray[np.intp], ...]
     z: Array
     seen: NDArray[np.bool_]
@@ -41,6 +87,32 @@ class Rows:
         if self.seen.all():
             return r, jacobian
         return np.where(self.seen, r, 0.0), np.where(self.seen[:, :, None], jacobian, 0.0)
+
+    def at(self, x: Array) -> Linear:
+        """The rows linearised at x."""
+        if self.mixing is not None or not any(isinstance(kernel, StagedKernel) for kernel in self.kernels):
+            r, jacobian = self(x)
+            return Linear(r, ((slice(0, r.shape[1]), np.arange(len(r)), jacobian),))
+        setup, r = self.setup.vector, np.zeros((len(self.data), self.measurement.rows))
+        slopes: list[tuple[slice, NDArray[np.intp], Array | Twists]] = []
+        for part, kernel, poses in zip(self.measurement.parts, self.kernels, self.poses, strict=True):
+            if not poses.size:
+                continue
+            q, z, seen = self.data.q[poses], self.z[poses, part.readings], self.seen[poses, part.components]
+            if isinstance(kernel, StagedKernel):
+                points = np.asarray(seen.reshape(len(poses), part.features, -1).any(axis=2))
+                twists = kernel.twists(q, x, setup, z, points)
+                r[poses, part.components] = np.where(seen, twists.r, 0.0)
+                slopes.append((part.components, poses, twists))
+            else:
+                own, jacobian = kernel(q, x, setup, z)
+                r[poses, part.components] = np.where(seen, own, 0.0)
+                slopes.append((part.components, poses, jacobian))
+        return Linear(r, tuple(slopes))
+
+    def residual(self, x: Array) -> Array:
+        """The residuals alone, shape (N, m)."""
+        return self.at(x).r
 
     def _evaluated(self, x: Array) -> tuple[Array, Array]:
         setup = self.setup.vector
@@ -69,10 +141,10 @@ class Rows:
 
 
 def rows_of(
-    measurement: Measurement, data: Dataset, setup: Setup, kernels: tuple[BatchFunction, ...] | None = None
+    measurement: Measurement, data: Dataset, setup: Setup, kernels: tuple[RowKernel, ...] | None = None
 ) -> Rows:
     """The residual rows of a dataset under a setup; kernels made before may be used again."""
-    kernels = kernels or tuple(batch_function(part.residual) for part in measurement.parts)
+    kernels = kernels or tuple(rows_kernel(part) for part in measurement.parts)
     by_part = [part.seen(data.z) for part in measurement.parts]
     poses = tuple(np.flatnonzero(seen.any(axis=1)) for seen in by_part)
     return Rows(measurement, data, setup, kernels, poses, np.nan_to_num(data.z), np.hstack(by_part))

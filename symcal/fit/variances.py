@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
 from symcal.fit.noise import Loss, block_sigmas, robust_weights, spread_of
+from symcal.fit.residual_rows import Linear
 from symcal.fit.variance_components import Block, Components, Tie, at_variances, compressed, most_likely
 from symcal.fit.whitened import Whitened
 from symcal.model.measurement import Group
@@ -149,7 +150,7 @@ class VarianceModel:
     def _robust(self, x: Array, variances: Variances) -> Variances:
         """Noise from the median of the residuals, then the weights that go with it."""
         rows = self.system.rows
-        residual, _ = rows(x)
+        residual = rows.residual(x)
         sigmas = variances.sigmas
         if not self.hold:
             found, blocks = self.at(x, variances)
@@ -161,11 +162,11 @@ class VarianceModel:
     def _blocks(self, x: Array, variances: Variances, groups: tuple[str, ...]) -> tuple[list[str], list[Block], Array]:
         """Names and blocks of unknown variance, the noise of ``groups`` among them, and the rows of known variance."""
         system = self.system
-        residual, jacobian = system.rows(x)
+        linear = system.rows.at(x)
         sigmas = {name: sigma for name, sigma in variances.sigmas.items() if name not in groups}
         spread = spread_of(system.rows, self.known, sigmas, variances.weights)
-        blocks = [self._noise_block(name, residual, jacobian, variances.weights) for name in groups]
-        fixed = np.vstack([system.picked(residual, jacobian, spread), system.prior_rows(x)])
+        blocks = [self._noise_block(name, linear, variances.weights) for name in groups]
+        fixed = np.vstack([system.picked(linear, spread), system.prior_rows(x)])
         sizes = system.size_rows(x)
         if self.factor_estimated:
             many = int(system.rows.seen.sum()) >= _MANY * len(system.free)
@@ -175,14 +176,14 @@ class VarianceModel:
             fixed = np.vstack([fixed, sizes])
         return [*groups, *([_FACTOR] if self.factor_estimated else [])], blocks, compressed(fixed)
 
-    def _noise_block(self, name: str, residual: Array, jacobian: Array, weights: Array) -> Block:
+    def _noise_block(self, name: str, linear: Linear, weights: Array) -> Block:
         group = self._group(name)
         columns = list(group.columns)
         mask = np.zeros_like(self.missing)
         mask[:, columns] = self.missing[:, columns] & (weights[:, columns] > 0)
         spread = np.where(mask, 1 / np.sqrt(np.where(mask, weights, 1.0)), np.inf)
-        rows = self.system.picked(residual, jacobian, spread)
-        return Block(compressed(rows), len(rows), 2 * np.log(group.floor), np.inf)
+        rows = self.system.picked(linear, spread)
+        return Block(compressed(rows), int(mask.sum()), 2 * np.log(group.floor), np.inf)
 
     def _start(self, names: list[str], blocks: list[Block], fixed: Array, factor: float) -> Array:
         """Log variances for this factor with the noise that is left where noise counts as small."""

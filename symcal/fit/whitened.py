@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.fit.residual_rows import Rows
+from symcal.fit.residual_rows import Linear, Rows
 from symcal.parameters import ParameterSet
 
 Array = NDArray[np.float64]
@@ -78,8 +78,7 @@ class Whitened:
 
     def data_rows(self, x: Array, spread: Array) -> Array:
         """Whitened [J S, r] of the measurements, shape (k, n + 1)."""
-        residual, jacobian = self.rows(x)
-        return self.picked(residual, jacobian, spread)
+        return self.picked(self.rows.at(x), spread)
 
     def rows_at(self, x: Array, spread: Array, factor: float) -> Array:
         """Whitened [J S, r] of everything, shape (k, n + 1)."""
@@ -103,16 +102,9 @@ class Whitened:
         rows[:, -1] = self.scaled(x)[which]
         return rows
 
-    def picked(self, residual: Array, jacobian: Array, spread: Array) -> Array:
-        """Whitened [J S, r] of the components of finite ``spread``, shape (k, n + 1)."""
-        keep = np.flatnonzero(np.isfinite(spread).ravel())
-        inverse = 1 / spread.ravel()[keep]
-        out = np.empty((len(keep), len(self.free) + 1))
-        out[:, :-1] = jacobian.reshape(residual.size, -1)[np.ix_(keep, self.index)]
-        out[:, :-1] *= self.scales
-        out[:, -1] = residual.ravel()[keep]
-        out *= inverse[:, None]
-        return out
+    def picked(self, linear: Linear, spread: Array) -> Array:
+        """Whitened [J S, r] of the components of finite ``spread``, shape (k, n + 1), see `Linear.weighted`."""
+        return linear.weighted(spread, self.index, self.scales)
 
 
 def whitened(rows: Rows, free: tuple[str, ...], reference: Array, prior_mean: Array) -> Whitened:

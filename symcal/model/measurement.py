@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from symcal import spatial
 from symcal.kinematics import Chain, frame_vector
 from symcal.model.observation import Observation
+from symcal.model.staged_kernel import StagedKernel
 from symcal.parameters import ParameterSet, Unit, coordinate_names, frame_names
 
 SX = ca.SX
@@ -89,7 +90,8 @@ class Part:
     """What one observation adds.
 
     readings, components: its columns in z and in the residual. errors: its place in the vector of errors.
-    residual: (q, x, setup, z) -> r and J of its own z alone, shapes (m,) and (m, n).
+    residual: (q, x, setup, z) -> r and J of its own z alone, shapes (m,) and (m, n); of many points in one piece in
+        stages, which say all else too.
     margins: (q, x, setup) -> by how much each feature can be read, shape (features * limits,); None without limits.
     """
 
@@ -98,8 +100,12 @@ class Part:
     components: slice
     errors: slice
     attitudes: slice
-    residual: ca.Function
+    residual: ca.Function | StagedKernel
     margins: ca.Function | None = None
+
+    @property
+    def staged(self) -> StagedKernel | None:
+        return self.residual if isinstance(self.residual, StagedKernel) else None
 
     @property
     def features(self) -> int:
@@ -117,6 +123,8 @@ class Part:
 @dataclass(frozen=True, slots=True)
 class Measurement:
     """Any number of observations of one robot; made by `symcal.model.observe.observe`.
+
+    The functions are of all parts but those in stages: `symcal.model.assembled` has them for everything.
 
     predict:  (q, x, setup) -> h, shape (nz,), as the instruments would give it, one observation after the other.
     jacobian: (q, x, setup) -> J at zero residual, shape (m, n): the information of a pose that is yet to be measured.
@@ -156,7 +164,7 @@ class Measurement:
         return {g.name: stated[g.observation][g.quantity] for g in self.groups if g.quantity in stated[g.observation]}
 
     @property
-    def residual(self) -> ca.Function:
+    def residual(self) -> ca.Function | StagedKernel:
         """Of the only observation."""
         (part,) = self.parts
         return part.residual

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from symcal.errors import InputError
 from symcal.kernels import BatchFunction, batch_function
 from symcal.kinematics import chain, forward
+from symcal.model.assembled import Assembled, RowKernel, errors_kernel, rows_kernel, slopes_kernel
 from symcal.model.measurement import Measurement, Setup
 from symcal.model.observe import numbers_of, observe, places_of
 from symcal.model.task import Task
@@ -29,9 +30,9 @@ class Model:
     task: Task
     robot: Robot
     measurement: Measurement
-    residuals: tuple[BatchFunction, ...]
-    accuracy: BatchFunction
-    jacobian: BatchFunction
+    residuals: tuple[RowKernel, ...]
+    accuracy: BatchFunction | Assembled
+    jacobian: BatchFunction | Assembled
     flange: BatchFunction
     setup: Setup
     points: BatchFunction
@@ -41,7 +42,7 @@ class Model:
         return self.measurement.parameters
 
     @property
-    def residual(self) -> BatchFunction:
+    def residual(self) -> RowKernel:
         """Of the only observation."""
         (only,) = self.residuals
         return only
@@ -111,9 +112,9 @@ def build_model(robot: Robot, task: Task) -> Model:
         task=task,
         robot=robot,
         measurement=measurement,
-        residuals=tuple(batch_function(part.residual) for part in measurement.parts),
-        accuracy=batch_function(measurement.accuracy, evaluations=0),
-        jacobian=batch_function(measurement.jacobian, evaluations=0),
+        residuals=tuple(rows_kernel(part) for part in measurement.parts),
+        accuracy=errors_kernel(measurement),
+        jacobian=slopes_kernel(measurement),
         flange=batch_function(forward(symbolic), evaluations=0),
         setup=nominal_setup(robot, task),
         points=batch_function(measurement.points, evaluations=0),
@@ -125,6 +126,7 @@ def nominal_setup(robot: Robot, task: Task) -> Setup:
     points = {
         o.target.qualified(name): xyz
         for o in task.observations
+        if not o.target.rigid
         for name, xyz in zip(o.target.points, o.target.nominal, strict=True)
     }
     on_tool = [o.target for o in task.observations if o.target.at.on == "tool" and o.target.at.frame is None]

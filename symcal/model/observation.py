@@ -22,6 +22,14 @@ from symcal.parameters import FRAME_AXES, coordinate_names, frame_names
 Array = NDArray[np.float64]
 Point = tuple[float, float, float]
 
+_DISC_INCIDENCE = np.deg2rad(60.0)  # beyond, a disc's image is a sliver
+_BOARD_INCIDENCE = np.deg2rad(75.0)  # beyond, the squares of a board are
+_FEW = 12  # points that are better written out one by one
+_UNCODED = ("chessboard", "circles", "asymmetric_circles")
+"""Boards whose corners have no marks of their own: detectors want to see them whole."""
+_FEWEST_CORNERS = 6
+_SHARE = 0.25  # of a coded board's corners: a pose that is off by what the robot is off still shows some
+
 OFF_ROBOT = ("world", "base")
 """Where things stand that no joint moves."""
 
@@ -57,6 +65,9 @@ class Target:
     them are, and their coordinates first guesses.
     axes: directions in its frame, of any length. marks: a camera's plate with discs, if it is one. board: a printed
     board, if it is one: its points are called by their numbers, and known.
+    incidence: of plates and boards, largest angle between their normal and the ray from a point to the camera at which
+    it is seen, rad; by default 60 deg for discs and 75 deg for boards. least: how many of the points must be seen for
+    any to count; None for what the kind of target needs.
     """
 
     name: str = "tool"
@@ -67,6 +78,8 @@ class Target:
     unknown: bool = False
     near: Mapping[str, Point] = field(default_factory=dict)
     board: Board | None = None
+    incidence: float | None = None
+    least: int | None = None
 
     def __post_init__(self) -> None:
         if self.board is None:
@@ -75,6 +88,33 @@ class Target:
         if self.unknown or (self.points and dict(self.points) != points):
             raise InputError("a board has its own points, and they are known", key=f"targets.{self.name}.points")
         object.__setattr__(self, "points", points)
+
+    @property
+    def face(self) -> Point | None:
+        """Normal of the side that cameras see, in its frame; None of what is seen from all sides."""
+        if self.board is not None:
+            return (0.0, 0.0, -1.0)
+        return None if self.marks is None else self.marks.normal
+
+    @property
+    def largest_incidence(self) -> float:
+        given = _BOARD_INCIDENCE if self.marks is None else _DISC_INCIDENCE
+        return given if self.incidence is None else self.incidence
+
+    @property
+    def needed(self) -> int:
+        """How many of its points must be seen for any of them to count: of a board as many as its detector needs."""
+        if self.least is not None:
+            return min(self.least, len(self.points))
+        if self.board is None:
+            return 1
+        coded = self.board.kind not in _UNCODED
+        return max(_FEWEST_CORNERS, round(_SHARE * len(self.points))) if coded else len(self.points)
+
+    @property
+    def rigid(self) -> bool:
+        """Many known points in one piece: they are no numbers of the model's, see `symcal.model.stages`."""
+        return self.board is not None or (len(self.points) > _FEW and not self.unknown_points)
 
     @property
     def unknown_points(self) -> tuple[str, ...]:
@@ -146,6 +186,16 @@ class Observation:
         points = [name for point in self.target.points for name in self.target.coordinates(point)]
         numbers = [f"{self.prefix}{name}" for name in self.instrument.own]
         return (*frame_names(self.place), *frame_names(self.target.name), *points, *numbers)
+
+    @property
+    def staged(self) -> bool:
+        """It reads many known points in one piece, one by one."""
+        return self.instrument.reads == "points" and self.target.rigid
+
+    @property
+    def faces(self) -> Point | None:
+        """Normal of the side of the target that must be turned to the instrument; None where any side will do."""
+        return self.target.face if self.instrument.is_camera else None
 
     @property
     def riding(self) -> bool:

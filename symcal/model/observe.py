@@ -21,8 +21,11 @@ import numpy as np
 from symcal import kinematics
 from symcal.errors import InputError
 from symcal.kinematics import Chain, Station
+from symcal.model.facing import limits_of, margins_of
 from symcal.model.measurement import Group, Measurement, Part
 from symcal.model.observation import Observation, Place, Target
+from symcal.model.staged_kernel import StagedKernel, staged_kernel
+from symcal.model.stages import stages
 
 SX = ca.SX
 
@@ -42,18 +45,12 @@ def observe(chain: Chain, *observations: Observation) -> Measurement:
     everything: list[SX] = []
     for i, observation in enumerate(observations):
         kind, own = observation.instrument, _Expressions()
-        for feature in scene.features(observation):
+        for feature in () if observation.staged else scene.features(observation):
             own.add(observation, feature)
         size = sum(quantity.size for quantity in kind.quantities)
         count = max(len(observation.features), 1)
         width, m = len(kind.columns) * count, size * count
-        judged, turned = kind.error[2] * count, sum(a.numel() for a in own.attitudes)
-        name = f"o{i}"  # names of people need not be names of functions
-        residual = kinematics.function(
-            f"{name}_residual",
-            state | {"z": ca.vertcat(*own.z)},
-            {"r": ca.vertcat(*own.residuals), "J": ca.vertcat(*own.jacobians)},
-        )
+        judged, turned = kind.error[2] * count, sum(a.numel() for a in own.attitudes)  # of points there are none
         parts.append(
             Part(
                 observation,
@@ -61,28 +58,50 @@ def observe(chain: Chain, *observations: Observation) -> Measurement:
                 slice(components, components + m),
                 slice(errors, errors + judged),
                 slice(errors + judged, errors + judged + turned),
-                residual,
-                kinematics.function(f"{name}_margins", state, {"m": ca.vertcat(*own.margins)}) if kind.limits else None,
+                *_functions(scene, state, observation, own, f"o{i}"),  # names of people need not be names of functions
             )
         )
         groups += _groups(observation, components, count, alone=len({o.of for o in observations}) == 1)
         everything += [*own.errors, *own.attitudes]
         every.extend(own)
         readings, components, errors = readings + width, components + m, errors + judged + turned
-    z = ca.vertcat(*every.z)
+    n = len(chain.parameters)
+    z = _stacked(every.z)
     where = scene.robot_points(observations)
     return Measurement(
         chain=chain,
         parts=tuple(parts),
         groups=_together(groups),
         points_called=tuple(scene.coordinates),
-        predict=kinematics.function("predict", state, {"h": ca.vertcat(*every.readings)}),
-        jacobian=kinematics.function("planned", state, {"J": ca.vertcat(*every.planned)}),
-        accuracy=kinematics.function("accuracy", state | {"z": z}, {"e": ca.vertcat(*everything)}),
+        predict=kinematics.function("predict", state, {"h": _stacked(every.readings)}),
+        jacobian=kinematics.function("planned", state, {"J": _stacked(every.planned, n)}),
+        accuracy=kinematics.function("accuracy", state | {"z": z}, {"e": _stacked(everything)}),
         points=kinematics.function(
             "points", state, {"p": ca.vertcat(*(p for p, _ in where)), "J": ca.vertcat(*(j for _, j in where))}
         ),
     )
+
+
+def _functions(
+    scene: _Scene, state: dict[str, SX], observation: Observation, own: _Expressions, name: str
+) -> tuple[ca.Function | StagedKernel, ca.Function | None]:
+    """Residuals of an observation, and its margins unless they are in stages too."""
+    if observation.staged:
+        numbers, by_own = scene.own_numbers(observation)
+        return staged_kernel(stages(state, observation, *scene.ends(observation), numbers, by_own)), None
+    residual = kinematics.function(
+        f"{name}_residual",
+        state | {"z": ca.vertcat(*own.z)},
+        {"r": ca.vertcat(*own.residuals), "J": ca.vertcat(*own.jacobians)},
+    )
+    if not limits_of(observation):
+        return residual, None
+    return residual, kinematics.function(f"{name}_margins", state, {"m": ca.vertcat(*own.margins)})
+
+
+def _stacked(rows: list[SX], columns: int = 1) -> SX:
+    """Rows one after the other; none at all where every observation is in stages."""
+    return ca.vertcat(SX(0, columns), *rows)
 
 
 def _groups(observation: Observation, start: int, features: int, *, alone: bool) -> Iterator[Group]:
@@ -152,7 +171,7 @@ class _Expressions:
             into.append(jacobian)
         riding = observation.riding and observation.reports == "target"
         shift, attitude = kind.miss(*at, reading, feature.own, riding=riding)
-        self.margins.append(kind.margins(*at, feature.own))
+        self.margins.append(margins_of(observation, *at, feature.own))
         self.z.append(reading)
         self.readings.append(kind.predict(*at, feature.own))
         self.residuals.append(kind.residual(*at, reading, feature.own))
@@ -206,12 +225,15 @@ class _Scene:
         )
         return ends if observation.reports == "target" else (ends[1], ends[0])
 
-    def features(self, observation: Observation) -> Iterator[_Feature]:
-        parameters = self.chain.parameters
-        place = {name: i for i, name in enumerate(parameters.names)}
+    def own_numbers(self, observation: Observation) -> tuple[SX, dict[int, int]]:
+        """Numbers of the instrument, and which of them are parameters with their columns."""
+        place = {name: i for i, name in enumerate(self.chain.parameters.names)}
         names = [f"{observation.prefix}{name}" for name in observation.instrument.own]
         own = ca.vertcat(*(self.own[name] + self.x.get(name, 0) for name in names))
-        by_own = {i: place[name] for i, name in enumerate(names) if name in place}
+        return own, {i: place[name] for i, name in enumerate(names) if name in place}
+
+    def features(self, observation: Observation) -> Iterator[_Feature]:
+        own, by_own = self.own_numbers(observation)
         reader, read = self.ends(observation)
         turn = kinematics.omegas(read.screws)
         for feature in observation.features or ("",):
@@ -247,6 +269,11 @@ class _Scene:
         for observation in observations:
             if observation.target.at.moves:
                 read = self.station(observation.target.name, observation.target.at)
+                if observation.staged:
+                    for i, c in enumerate(alike(observation.target.nominal)):
+                        at = read.origin + read.rotation @ SX(c)
+                        found.setdefault((observation.target.name, str(i)), (at, kinematics.stack(read.screws, at)))
+                    continue
                 for feature in observation.features or ("",):
                     key = (observation.target.name, feature if observation.instrument.reads == "points" else "")
                     if key not in found:
@@ -260,8 +287,12 @@ class _Scene:
 
 
 def points_called(observations: tuple[Observation, ...]) -> tuple[str, ...]:
-    """What the points of all targets are called as parameters, each once; the order of a setup's points."""
-    return tuple(dict.fromkeys(o.target.qualified(point) for o in observations for point in o.target.points))
+    """What the points of all targets are called as parameters, each once; the order of a setup's points.
+
+    Not those of targets in one piece, which are no numbers of a setup.
+    """
+    loose = [o.target for o in observations if not o.target.rigid]
+    return tuple(dict.fromkeys(target.qualified(point) for target in loose for point in target.points))
 
 
 def places_of(observations: tuple[Observation, ...]) -> dict[str, Place]:
@@ -281,6 +312,19 @@ def numbers_of(observations: tuple[Observation, ...]) -> dict[str, float]:
         for o in observations
         for name, value in zip(o.instrument.own, o.instrument.numbers, strict=True)
     }
+
+
+def alike(points: np.ndarray) -> np.ndarray:
+    """Few points that stand for many: of the same mean and second moments, shape (2 d, 3) for points in d dimensions.
+
+    So the rms over them of whatever moves like a rigid body is that over all of them.
+    """
+    centre = points.mean(axis=0)
+    _, size, axes = np.linalg.svd(points - centre, full_matrices=False)
+    spread = size / np.sqrt(len(points))
+    kept = spread > 1e-9 * spread[0]
+    arms = np.sqrt(kept.sum()) * spread[kept, None] * axes[kept]
+    return np.vstack([centre + arms, centre - arms])
 
 
 def _axes_along(axis: tuple[float, float, float]) -> np.ndarray:

@@ -1,7 +1,7 @@
 """First values of the camera's pose and of the target's mount, found from image points with the nominal robot.
 
-Every pose gives up to four poses of the target in the camera ([Ding2017] eq. 5, `symcal.camera.p3p`), of which one is
-true. With measured_i = B flange_i X, B = T_camera_base and X = T_flange_target, three poses with one choice each give
+Every pose gives up to four poses of three discs in the camera ([Ding2017] eq. 5, `symcal.camera.p3p`), or two of a flat
+board (`symcal.camera.planar_pose`), of which one is true. With measured_i = B flange_i X, B = T_camera_base and X = T_flange_target, three poses with one choice each give
 B and X in closed form (`registration.hand_eye`); the right choice is the one that the image points of all poses
 agree with. Where it is not known either which disc is which, every labelling is a choice more. The consensus search is
 ours.
@@ -17,8 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal import spatial
+from symcal.camera.board import Board
 from symcal.camera.camera import Camera, project_points
 from symcal.camera.p3p import solve_p3p_batch
+from symcal.camera.planar_pose import planar_poses
 from symcal.camera.target import Target
 from symcal.errors import RefusedError
 from symcal.placing.registration import hand_eye
@@ -28,8 +30,10 @@ Array = NDArray[np.float64]
 _TRIPLES = 80  # sets of three poses that are tried, as long as their choices are few
 _TRIES = 2000  # choices in all
 _JUDGES = 40  # poses whose image points judge each try
+_POINTS = 16  # points of each that do, or a few more
 _ROUNDS = 6
 _KEPT = 3
+_SAME = 1e-3  # mm and rad of two solutions that are one
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,14 +45,17 @@ class CameraPlacement:
     rms_px: float
 
 
-def target_poses(camera: Camera, target: Target, pixels: Array) -> list[Array]:
+def target_poses(camera: Camera, target: Target | Board, pixels: Array) -> list[Array]:
     """All poses T_camera_target of each image, shape (k_i, 4, 4) each, mm; none where fewer than three points are seen.
 
-    Three points give up to four poses; of a target with more points those remain that the others do not refute.
+    Three points give up to four poses, a board gives two; those remain that the other points do not refute.
 
     Args:
         pixels: shape (N, n, 2), px; NaN where a point was not seen.
     """
+    if isinstance(target, Board):
+        both, errors = planar_poses(camera, target.points, pixels, np.array([0.0, 0.0, -1.0]))
+        return [_likely(poses, error) for poses, error in zip(both, errors, strict=True)]
     seen: NDArray[np.bool_] = np.asarray(np.isfinite(pixels).all(axis=2))
     found = [np.zeros((0, 4, 4)) for _ in pixels]
     bases = sorted(combinations(range(len(target.names)), 3), key=lambda b: -_area(target.points[list(b)]))
@@ -65,13 +72,20 @@ def target_poses(camera: Camera, target: Target, pixels: Array) -> list[Array]:
         for i, result in zip(open_, results, strict=True):
             if result is not None:
                 error = np.array([_rms(camera, target, pose, pixels[i]) for pose in result.solutions])
-                found[i] = result.solutions[error <= 3 * error.min() + 0.5]
+                found[i] = _likely(result.solutions, error)
     return found
+
+
+def _likely(poses: Array, error: Array) -> Array:
+    """Poses that the image points do not refute, each once."""
+    kept = poses[np.isfinite(error) & (error <= 3 * error.min() + 0.5)]
+    twice = len(kept) == 2 and np.allclose(kept[0], kept[1], rtol=0, atol=_SAME)
+    return kept[:1] if twice else kept
 
 
 def place_camera(
     camera: Camera,
-    target: Target,
+    target: Target | Board,
     flange: Array,
     choices: Sequence[Array],
     pixels: Array,
@@ -99,9 +113,11 @@ def place_camera(
         raise RefusedError(f"{len(usable)} poses show three points of the target, {need} are needed to find the camera")
     judges = usable[np.linspace(0, len(usable) - 1, min(len(usable), _JUDGES)).astype(int)]
 
+    few = slice(None, None, max(len(target.points) // _POINTS, 1))
+    asked = np.ascontiguousarray(pixels[judges][:, :, few])
+
     def score(b: Array, x: Array) -> float:
-        errors = _errors(camera, target, b @ flange[judges] @ x, pixels[judges])
-        return float(np.median(errors))
+        return float(np.median(_errors(camera, target.points[few], b @ flange[judges] @ x, asked)))
 
     solve = _solver(base, mount)
     tried: list[tuple[float, Array, Array]] = []
@@ -128,7 +144,7 @@ def place_camera(
 
 def _refined(
     camera: Camera,
-    target: Target,
+    target: Target | Board,
     flange: Array,
     choices: Sequence[Array],
     pixels: Array,
@@ -148,7 +164,7 @@ def _refined(
             break
         last = nearest
         b, x = solve(flange, np.array([found[k] for found, k in zip(choices, nearest, strict=True)]))
-    errors = _errors(camera, target, b @ flange @ x, pixels)
+    errors = _errors(camera, target.points, b @ flange @ x, pixels)
     rms = float(np.sqrt(np.mean(errors**2)))
     return CameraPlacement(spatial.inverse(b), x, rms if np.isfinite(rms) else np.inf)
 
@@ -183,14 +199,14 @@ def _groups(usable: NDArray[np.intp], size: int, rng: np.random.Generator) -> li
     return [rng.choice(usable, size, replace=False) for _ in range(_TRIPLES)]
 
 
-def _errors(camera: Camera, target: Target, poses: Array, pixels: Array) -> Array:
+def _errors(camera: Camera, points: Array, poses: Array, pixels: Array) -> Array:
     """Rms error of the image points of each pose in the labelling that fits best, shape (N,), px.
 
     Infinite where a point cannot be seen.
     """
-    points = np.einsum("nij,kj->nki", poses[:, :3, :3], target.points) + poses[:, None, :3, 3]
+    placed = np.einsum("nij,kj->nki", poses[:, :3, :3], points) + poses[:, None, :3, 3]
     seen = np.isfinite(pixels).all(axis=3)
-    off = np.sum((project_points(camera, points)[:, None] - pixels) ** 2, axis=3)
+    off = np.sum((project_points(camera, placed)[:, None] - pixels) ** 2, axis=3)
     off = np.where(seen, np.where(np.isfinite(off), off, np.inf), 0.0)
     count = seen.sum(axis=2)
     mean = np.where(count > 0, off.sum(axis=2) / np.maximum(count, 1), np.inf)
@@ -198,7 +214,7 @@ def _errors(camera: Camera, target: Target, poses: Array, pixels: Array) -> Arra
 
 
 def _rms(camera: Camera, target: Target, pose: Array, pixels: Array) -> float:
-    return float(_errors(camera, target, pose[None], pixels[None, None])[0])
+    return float(_errors(camera, target.points, pose[None], pixels[None, None])[0])
 
 
 def _area(corners: Array) -> float:

@@ -80,6 +80,8 @@ class Ends:
     def points(self, setup: Setup) -> Array:
         if self.observation.instrument.reads != "points":
             return np.asarray(virtual_points(np.eye(4)[None])[0])
+        if self.observation.target.rigid:
+            return self.observation.target.nominal
         called = self.model.measurement.points_called
         names = [self.observation.target.qualified(name) for name in self.observation.target.points]
         return setup.points[[called.index(name) for name in names]]

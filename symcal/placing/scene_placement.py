@@ -88,10 +88,10 @@ def camera_guesses(ends: Ends, data: Dataset, chain: Array, setup: Setup) -> Set
     Args:
         data: what it has read. chain: the robot's part between its two ends, shape (N, 4, 4), mm.
     Raises:
-        InputError: a target without discs. RefusedError: image points that do not agree on a place.
+        InputError: neither a board nor discs. RefusedError: image points that do not agree on a place.
     """
     observation = ends.observation
-    camera, marks = observation.instrument.camera, observation.target.marks
+    camera, marks = observation.instrument.camera, observation.target.board or observation.target.marks
     if camera is None or marks is None:
         raise InputError("a camera needs to know its target", key=f"measurements.{observation.name}.target")
     left, right = ends.left_unknown, ends.right_mode

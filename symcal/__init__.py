@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from symcal.calibration.simulate import simulate as simulate
     from symcal.camera.board import Board as Board
     from symcal.camera.board import parse_board as parse_board
+    from symcal.camera.files import read_camera as read_camera
+    from symcal.camera.files import write_camera as write_camera
     from symcal.compensation.compensate import compensate as compensate
     from symcal.compensation.targets import commanded as commanded
     from symcal.compensation.targets import wanted as wanted
@@ -77,11 +79,19 @@ if TYPE_CHECKING:
     )
     from symcal.robot.urdf import load_urdf as load_urdf
     from symcal.runs.run import run as run
+    from symcal.vision.board import detect_boards as detect_boards
+    from symcal.vision.calibrate import calibrate_camera as calibrate_camera
+    from symcal.vision.corners import load_corners as load_corners
 
 _HOME = {
     "Board": "camera.board",
-    "parse_board": "camera.board",
+    "calibrate_camera": "vision.calibrate",
     "compensate": "compensation.compensate",
+    "detect_boards": "vision.board",
+    "load_corners": "vision.corners",
+    "parse_board": "camera.board",
+    "read_camera": "camera.files",
+    "write_camera": "camera.files",
     "convert": "robot.conventions",
     "Dataset": "data.dataset",
     "InputError": "errors",

@@ -7,7 +7,7 @@ the image covers [-0.5, width - 0.5] x [-0.5, height - 0.5]. OpenCV itself is no
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
 import casadi as ca
@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from symcal.errors import InputError
 
 INTRINSIC_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+NUMBER_NAMES = (*INTRINSIC_NAMES, "skew")
+"""With the skew, which is zero unless somebody asks for it."""
 
 Float = NDArray[np.float64]
 
@@ -29,8 +31,10 @@ class Camera:
         width, height: image size, px.
         fx, fy, cx, cy: focal lengths and principal point, px.
         dist: (k1, k2, p1, p2, k3); fewer are filled up with zeros.
-        covariance: of the nine `INTRINSIC_NAMES`, shape (9, 9), zero rows where a number was held; None if unknown.
+        covariance: of the nine `INTRINSIC_NAMES`, shape (9, 9), or of the ten `NUMBER_NAMES`, shape (10, 10); zero rows
+            where a number was held; None if unknown.
         rms_px: reprojection error of the calibration (root mean square of the point distances), None when unknown.
+        skew: of the image's axes, px: what y adds to u. OpenCV's model does not have it.
     """
 
     width: int
@@ -42,6 +46,7 @@ class Camera:
     dist: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
     covariance: Float | None = field(default=None, compare=False)
     rms_px: float | None = None
+    skew: float = 0.0
 
     def __post_init__(self) -> None:
         if len(self.dist) > 5:
@@ -52,18 +57,34 @@ class Camera:
         for name in ("width", "height", "fx", "fy"):
             if not getattr(self, name) > 0:
                 raise InputError("must be positive", key=name, found=getattr(self, name))
-        if self.covariance is not None and np.shape(self.covariance) != (9, 9):
-            raise InputError("must be a 9 x 9 matrix", key="covariance", found=np.shape(self.covariance))
+        if self.covariance is not None and np.shape(self.covariance) not in ((9, 9), (10, 10)):
+            message = "must be a 9 x 9 matrix (10 x 10 with the skew)"
+            raise InputError(message, key="covariance", found=np.shape(self.covariance))
 
     @property
     def matrix(self) -> Float:
         """Camera matrix K, shape (3, 3), px."""
-        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+        return np.array([[self.fx, self.skew, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
     @property
     def intrinsics(self) -> Float:
         """The nine numbers in the order of `INTRINSIC_NAMES`, shape (9,)."""
         return np.array([self.fx, self.fy, self.cx, self.cy, *self.dist])
+
+    @property
+    def numbers(self) -> Float:
+        """The ten numbers in the order of `NUMBER_NAMES`, shape (10,)."""
+        return np.array([*self.intrinsics, self.skew])
+
+    @property
+    def has_skew(self) -> bool:
+        """Whether the skew is more than zero and held: it has a value, or a place in the covariance."""
+        return self.skew != 0 or (self.covariance is not None and len(self.covariance) == len(NUMBER_NAMES))
+
+    def with_numbers(self, numbers: Float) -> Camera:
+        """The camera with other numbers in the order of `NUMBER_NAMES`, shape (10,)."""
+        fx, fy, cx, cy, *dist, skew = np.asarray(numbers, dtype=np.float64).tolist()
+        return replace(self, fx=fx, fy=fy, cx=cx, cy=cy, dist=tuple(dist), skew=skew)
 
 
 def distort(x: Any, y: Any, dist: Any) -> tuple[Any, Any]:
@@ -89,17 +110,20 @@ def distort(x: Any, y: Any, dist: Any) -> tuple[Any, Any]:
 def project(point_camera: ca.SX, intrinsics: ca.SX) -> ca.SX:
     """Image point of a point in the camera frame, symbolic.
 
-    (u, v) = (fx x_d + cx, fy y_d + cy), with (x_d, y_d) of `distort`.
+    (u, v) = (fx x_d + skew y_d + cx, fy y_d + cy), with (x_d, y_d) of `distort`.
 
     Args:
         point_camera: shape (3,), any length unit, Z > 0.
-        intrinsics: shape (9,), order of `INTRINSIC_NAMES`.
+        intrinsics: shape (9,), order of `INTRINSIC_NAMES`, or (10,), of `NUMBER_NAMES`.
     Returns:
         (u, v), shape (2,), px.
     """
     x, y = point_camera[0] / point_camera[2], point_camera[1] / point_camera[2]
-    xd, yd = distort(x, y, intrinsics[4:])
-    pixel: ca.SX = ca.vertcat(intrinsics[0] * xd + intrinsics[2], intrinsics[1] * yd + intrinsics[3])
+    xd, yd = distort(x, y, intrinsics[4:9])
+    u = intrinsics[0] * xd + intrinsics[2]
+    if intrinsics.numel() > len(INTRINSIC_NAMES):
+        u += intrinsics[9] * yd
+    pixel: ca.SX = ca.vertcat(u, intrinsics[1] * yd + intrinsics[3])
     return pixel
 
 
@@ -118,7 +142,7 @@ def project_points(camera: Camera, points_camera: Float) -> Float:
     x, y = points[..., 0] / z, points[..., 1] / z
     xd, yd = distort(x, y, camera.dist)
     seen = front & (np.hypot(x, y) < fold_radius(camera))
-    pixels = np.stack([camera.fx * xd + camera.cx, camera.fy * yd + camera.cy], axis=-1)
+    pixels = np.stack([camera.fx * xd + camera.skew * yd + camera.cx, camera.fy * yd + camera.cy], axis=-1)
     return cast(Float, np.where(seen[..., None], pixels, np.nan))
 
 
@@ -140,6 +164,7 @@ def rays(camera: Camera, pixels: Float) -> Float:
     """
     fold = fold_radius(camera)
     goal = (np.asarray(pixels, dtype=np.float64) - [camera.cx, camera.cy]) / [camera.fx, camera.fy]
+    goal[..., 0] -= camera.skew / camera.fx * goal[..., 1]
     # A start beyond the fold would walk away; the radial part is concave below it, so that Newton climbs from inside.
     radius = np.linalg.norm(goal, axis=-1, keepdims=True)
     xy = goal * np.minimum(1.0, 0.9 * fold / np.maximum(radius, 1e-300))

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from symcal import spatial
-from symcal.camera.camera import INTRINSIC_NAMES, Camera
+from symcal.camera.camera import INTRINSIC_NAMES, NUMBER_NAMES, Camera
 from symcal.camera.target import Target
 from symcal.documents.document import Document, Strict, read_document, validate, write_document
 from symcal.errors import InputError
@@ -20,7 +20,7 @@ from symcal.units import ANGLE, LENGTH
 
 _Positive = Annotated[float, Field(gt=0)]
 _Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
-_Row = Annotated[list[float], Field(min_length=9, max_length=9)]
+_Row = Annotated[list[float], Field(min_length=9, max_length=10)]
 
 
 class ImageUnits(Strict):
@@ -32,6 +32,7 @@ class Intrinsics(Strict):
     fy: _Positive
     cx: float
     cy: float
+    skew: float = 0.0
 
 
 class Lens(Strict):
@@ -60,7 +61,7 @@ class CameraFile(Strict):
     lens: Lens | None = None
     distortion: Distortion = Distortion()
     rms: Annotated[float, Field(ge=0)] | None = None
-    covariance: Annotated[list[_Row], Field(min_length=9, max_length=9)] | None = None
+    covariance: Annotated[list[_Row], Field(min_length=9, max_length=10)] | None = None
     provenance: dict[str, Any] = Field(default_factory=dict)
 
     @model_validator(mode="after")
@@ -69,6 +70,8 @@ class CameraFile(Strict):
             raise PydanticCustomError(
                 "camera", "a camera has 'intrinsics' (px) or a 'lens' (focal_mm, pixel_um): give one"
             )
+        if self.covariance is not None and any(len(row) != len(self.covariance) for row in self.covariance):
+            raise PydanticCustomError("camera", "a covariance has as many columns as rows: 9, or 10 with the skew")
         return self
 
     def camera(self) -> Camera:
@@ -77,7 +80,9 @@ class CameraFile(Strict):
         Raises:
             InputError: a covariance that is not symmetric, or has a negative eigenvalue.
         """
+        skew = 0.0
         if self.intrinsics is not None:
+            skew = self.intrinsics.skew
             pinhole = (self.intrinsics.fx, self.intrinsics.fy, self.intrinsics.cx, self.intrinsics.cy)
         elif self.lens is not None:
             focal = 1000 * self.lens.focal_mm / self.lens.pixel_um
@@ -89,9 +94,10 @@ class CameraFile(Strict):
             scale = np.sqrt(np.where(variances > 0, variances, 1.0))
             correlation = covariance / np.outer(scale, scale)
             if not np.allclose(correlation, correlation.T) or np.linalg.eigvalsh(correlation)[0] < -1e-6:
-                names = ", ".join(INTRINSIC_NAMES)
+                names = ", ".join(NUMBER_NAMES[: len(covariance)])
                 raise InputError(f"not a covariance (symmetric, no negative eigenvalue) of {names}", key="covariance")
-        return Camera(self.width, self.height, *pinhole, (d.k1, d.k2, d.p1, d.p2, d.k3), covariance, self.rms)
+        dist = (d.k1, d.k2, d.p1, d.p2, d.k3)
+        return Camera(self.width, self.height, *pinhole, dist, covariance, self.rms, skew)
 
 
 class Triangle(Strict):
@@ -141,6 +147,8 @@ def camera_to_dict(camera: Camera, provenance: Mapping[str, Any] | None = None) 
         "intrinsics": dict(zip(INTRINSIC_NAMES[:4], camera.intrinsics[:4].tolist(), strict=True)),
         "distortion": dict(zip(INTRINSIC_NAMES[4:], camera.intrinsics[4:].tolist(), strict=True)),
     }
+    if camera.skew:
+        result["intrinsics"]["skew"] = float(camera.skew)
     if camera.rms_px is not None:
         result["rms"] = float(camera.rms_px)
     if camera.covariance is not None:

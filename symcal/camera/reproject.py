@@ -32,10 +32,10 @@ def reproject(camera: Camera, T_camera_target: Float, points: Float) -> tuple[Fl
     u, v = x / z, y / z
     xd, yd = distort(u, v, camera.dist)
     by_u, by_v = (np.stack(slopes, axis=-1) for slopes in distortion_slopes(u, v, camera.dist))
-    focal = np.array([camera.fx, camera.fy])
-    pixels = focal * np.stack([xd, yd], axis=-1) + np.array([camera.cx, camera.cy])
+    axes = camera.matrix[:2, :2]
+    pixels = np.stack([xd, yd], axis=-1) @ axes.T + np.array([camera.cx, camera.cy])
     by_point = np.stack([by_u, by_v, -(by_u * u[..., None] + by_v * v[..., None])], axis=-1)
-    by_point *= focal[:, None] / z[..., None, None]
+    by_point = axes @ by_point / z[..., None, None]
     jacobian = np.concatenate([by_point, -by_point @ rotation @ skew(points)], axis=-1)
     return pixels, jacobian
 

@@ -13,33 +13,93 @@ from symcal.cli.app import Images, Quiet
 
 
 def camera(
-    images: Images,
+    images: Annotated[
+        list[Path] | None, typer.Argument(metavar="[IMAGES...]", help="image files, or folders of them")
+    ] = None,
     board: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--board",
             metavar="BOARD",
-            help="chessboard:9x6:25mm (inner corners), circles:.., charuco:5x7:30mm:22mm:DICT_4X4_50",
+            help="chessboard:9x6:25mm (inner corners), circles:.., charuco:12x9:30mm:22mm, aprilgrid:6x6:30mm:9mm",
         ),
-    ],
+    ] = None,
+    points: Annotated[
+        Path | None,
+        typer.Option("--points", metavar="CSV", help="instead of images: columns view, id, X_mm, Y_mm (Z_mm), u, v"),
+    ] = None,
+    size: Annotated[
+        str | None, typer.Option("--size", metavar="WxH", help="of the image in px, for --points: 640x480")
+    ] = None,
+    fix: Annotated[
+        str | None,
+        typer.Option(
+            "--fix",
+            metavar="TERMS",
+            help="held at zero: p1,p2,k3 or none [images: k3 where it is not determined; --points: none]",
+        ),
+    ] = None,
+    skew: Annotated[bool, typer.Option("--skew", help="estimate the skew of the image's axes too")] = False,
+    keep_all: Annotated[
+        bool, typer.Option("--keep-all", help="use views with large errors too, as --points always does")
+    ] = False,
     out: Annotated[Path, typer.Option("--out", metavar="YAML", help="camera file; its page is a PDF beside it")] = Path(
         "camera.yaml"
     ),
     bowed: Annotated[bool, typer.Option("--bowed", help="estimate the board's shape too (slow)")] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Calibrate a camera from images of a board, and judge the calibration."""
+    """Calibrate a camera from images of a board or a list of corners, and judge the calibration."""
     from symcal.camera.board import parse_board
-    from symcal.runs.camera import calibrate_from_images, camera_content
+    from symcal.errors import InputError
+    from symcal.runs.camera import calibrate_from_corners, calibrate_from_images, camera_content
     from symcal.runs.folder import require_place
 
     require_place(out)
+    if (points is None) != bool(images):
+        both = ", not both" if images else ""
+        raise InputError(f"give images of a board, or a list of corners as --points{both}")
+    if points is None:
+        if board is None or size is not None:
+            message = "images tell their size themselves" if board else "say which board the images show"
+            raise InputError(message, key="--size" if board else "--board", found=size if board else None)
+    elif size is None:
+        raise InputError("a list of corners does not tell the image's size: give it, as in 640x480", key="--size")
+    elif board is not None or bowed:
+        message = "a list of corners brings its own points, which are taken as they are"
+        raise InputError(message, key="--bowed" if bowed else "--board")
     with terminal.spinner(quiet) as progress:
-        done = calibrate_from_images(images, parse_board(board), out, bowed=bowed, progress=progress)
+        if points is None:
+            done = calibrate_from_images(
+                images or [],
+                parse_board(board or ""),
+                out,
+                fix=fix or "auto",
+                skew=skew,
+                keep_all=keep_all,
+                bowed=bowed,
+                progress=progress,
+            )
+        else:
+            done = calibrate_from_corners(
+                points, _size(size or ""), out, fix=fix or "none", skew=skew, progress=progress
+            )
     if not quiet:
         terminal.print_camera(camera_content(done.calibration, done.verdict))
         for path in done.written:
             terminal.output().print(f"written to {escape(str(path))}")
+
+
+def _size(text: str) -> tuple[int, int]:
+    """Width and height of a text such as 640x480."""
+    import re
+
+    from symcal.errors import InputError
+
+    match = re.fullmatch(r"\s*([1-9]\d*)\s*[xX]\s*([1-9]\d*)\s*", text)
+    if match is None:
+        raise InputError("an image's size is WIDTHxHEIGHT in px, such as 640x480", key="--size", found=text)
+    return int(match[1]), int(match[2])
 
 
 def measure(

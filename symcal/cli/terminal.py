@@ -31,15 +31,20 @@ def output() -> Console:
 def print_camera(content: Any) -> None:
     """The camera's numbers, the verdict, and the views to take again."""
     console = output()
+    used, whole = sum(view["used"] for view in content["views"]), len(content["views"]) + len(content["refusals"])
+    console.print(f"{escape(content['board'])}: {used} of {whole} views used, rms {content['rms_px']:.7g} px")
     table = Table("", "value", "std. deviation", box=None, pad_edge=False)
     for name, entry in content["intrinsics"].items():
         table.add_row(name, f"{entry['value']:.7g}", f"{entry['sigma']:.2g}" if entry["free"] else "held")
     console.print(table)
+    if content["note"]:
+        console.print(escape(content["note"]))
     console.print(f"[bold]{content['grade']}[/bold]: {escape(content['summary'])}")
     for finding in content["findings"]:
         console.print(f"  - {escape(finding)}")
+    again = "look at" if content["source"] == "corners" else "take again"
     for entry in content["retake"]:
-        console.print(f"take again: {escape(entry['view'])}: {escape(entry['why'])}")
+        console.print(f"{again}: {escape(entry['view'])}: {escape(entry['why'])}")
 
 
 def print_measured(measured: Any) -> None:

@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Literal, Self
 import casadi as ca
 import numpy as np
 
-from symcal.camera.camera import INTRINSIC_NAMES, Camera, distort, distortion_slopes
+from symcal.camera.camera import INTRINSIC_NAMES, NUMBER_NAMES, Camera, distort, distortion_slopes
 from symcal.camera.files import camera_from_dict, camera_to_dict, read_camera
 from symcal.instruments.protocol import Array, Column, Edge, Instrument, Keys, Margin, Quantity
 from symcal.parameters import JointPrior, Parameter, Unit
@@ -48,7 +48,6 @@ class Pixels(Instrument):
         Margin("in the camera's image", "px", 100.0),
     )
     is_camera: ClassVar[bool] = True
-    own: ClassVar[tuple[str, ...]] = INTRINSIC_NAMES
     Config: ClassVar[type[Keys]] = PixelKeys
     quantities: ClassVar[tuple[Quantity, ...]] = (Quantity("image", "px", 2, 1e-9, ("sigma_u", "sigma_v"), "sigma"),)
     columns: ClassVar[tuple[Column, ...]] = (("u", "px"), ("v", "px"))
@@ -62,25 +61,31 @@ class Pixels(Instrument):
         return cls(read_camera(edge.path(keys.camera, "camera")), keys.intrinsics == "unknown")
 
     @property
+    def own(self) -> tuple[str, ...]:  # type: ignore[override]  # those of the camera at hand
+        return NUMBER_NAMES if self.camera.has_skew else INTRINSIC_NAMES
+
+    @property
     def numbers(self) -> Array:
-        return self.camera.intrinsics
+        return self.camera.numbers if self.camera.has_skew else self.camera.intrinsics
 
     def unknowns(self, prefix: str) -> tuple[Sequence[Parameter], Sequence[JointPrior]]:
-        """The covariance of the calibration is their prior, and what it held is no parameter; without one all nine are,
-        without a prior."""
+        """The covariance of the calibration is their prior, and what it held is no parameter; without one all nine are
+        (and the skew, if the camera has one), without a prior."""
         if not self.calibrate:
             return (), ()
         covariance = self.camera.covariance
-        variance = np.ones(len(INTRINSIC_NAMES)) if covariance is None else np.diag(covariance)
+        variance = np.ones(len(self.own)) if covariance is None else np.diag(covariance)
         free = np.flatnonzero(variance > 0)
         items = []
-        sizes = (self.camera.fx, self.camera.fy, self.camera.width, self.camera.width)
+        sizes = {"fx": self.camera.fx, "fy": self.camera.fy, "cx": self.camera.width, "cy": self.camera.width}
+        sizes["skew"] = self.camera.fx
         for i in free:
-            unit: Unit = "px" if i < 4 else "1"
-            size = _FOCAL * sizes[i] if i < 4 else _DISTORTION
+            name = NUMBER_NAMES[i]
+            unit: Unit = "px" if name in sizes else "1"
+            size = _FOCAL * sizes[name] if name in sizes else _DISTORTION
             scale = size if covariance is None else max(size, _PRIOR_SIGMAS * float(np.sqrt(variance[i])))
-            nominal = float(self.camera.intrinsics[i])
-            items.append(Parameter(f"{prefix}{INTRINSIC_NAMES[i]}", unit, nominal, scale, unknown=True))
+            nominal = float(self.camera.numbers[i])
+            items.append(Parameter(f"{prefix}{name}", unit, nominal, scale, unknown=True))
         if covariance is None or not free.size:
             return items, ()
         return items, (JointPrior(tuple(p.name for p in items), covariance[np.ix_(free, free)]),)
@@ -111,24 +116,25 @@ class Pixels(Instrument):
         return cls(camera_from_dict(settings["camera"], file), calibrate=False)
 
     def corrected(self, errors: Mapping[str, float]) -> Self:
-        step = np.array([errors.get(name, 0.0) for name in INTRINSIC_NAMES])
-        fx, fy, cx, cy, *dist = (self.camera.intrinsics + step).tolist()
-        return replace(self, camera=replace(self.camera, fx=fx, fy=fy, cx=cx, cy=cy, dist=tuple(dist)))
+        step = np.array([errors.get(name, 0.0) for name in NUMBER_NAMES])
+        return replace(self, camera=self.camera.with_numbers(self.camera.numbers + step))
 
 
 def _project(point: SX, intrinsics: SX) -> tuple[SX, SX, SX]:
     """Derivative of the image point by the point in the camera frame (2, 3), the image point, and its derivative by
-    the nine intrinsics (2, 9)."""
-    fx, fy, cx, cy, *dist = ca.vertsplit(intrinsics)
+    the numbers of the camera: nine, and the skew if it has one."""
+    fx, fy, cx, cy, *dist = ca.vertsplit(intrinsics[:9])
+    skew = intrinsics[9] if intrinsics.numel() > len(INTRINSIC_NAMES) else SX(0)
     x, y, depth = point[0] / point[2], point[1] / point[2], point[2]
     xd, yd = distort(x, y, dist)
     (xx, yx), (xy, yy) = distortion_slopes(x, y, dist)
-    by_point = ca.vertcat(
-        fx / depth * ca.horzcat(xx, xy, -(xx * x + xy * y)), fy / depth * ca.horzcat(yx, yy, -(yx * x + yy * y))
-    )
+    of_x, of_y = ca.horzcat(xx, xy, -(xx * x + xy * y)) / depth, ca.horzcat(yx, yy, -(yx * x + yy * y)) / depth
+    by_point = ca.vertcat(fx * of_x + skew * of_y, fy * of_y)
     r2 = x * x + y * y
     radial = [r2, r2**2, r2**3]
-    by_u = [xd, 0, 1, 0, fx * x * radial[0], fx * x * radial[1], 2 * fx * x * y, fx * (r2 + 2 * x * x)]
-    by_v = [0, yd, 0, 1, fy * y * radial[0], fy * y * radial[1], fy * (r2 + 2 * y * y), 2 * fy * x * y]
-    by_intrinsics = ca.vertcat(ca.horzcat(*by_u, fx * x * radial[2]), ca.horzcat(*by_v, fy * y * radial[2]))
-    return by_point, ca.vertcat(fx * xd + cx, fy * yd + cy), by_intrinsics
+    of_xd = ca.horzcat(x * radial[0], x * radial[1], 2 * x * y, r2 + 2 * x * x, x * radial[2])
+    of_yd = ca.horzcat(y * radial[0], y * radial[1], r2 + 2 * y * y, 2 * x * y, y * radial[2])
+    by_numbers = ca.vertcat(
+        ca.horzcat(xd, 0, 1, 0, fx * of_xd + skew * of_yd, yd), ca.horzcat(0, yd, 0, 1, fy * of_yd, 0)
+    )
+    return by_point, ca.vertcat(fx * xd + skew * yd + cx, fy * yd + cy), by_numbers[:, : intrinsics.numel()]

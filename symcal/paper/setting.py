@@ -96,7 +96,7 @@ def study_setting(
 def _view(scene: SceneConfig, file: ExperimentFile, model: Model) -> CameraView:
     length, angle = file.units.factor("mm"), file.units.factor("rad")
     i = scene.intrinsics
-    camera = Camera(scene.width, scene.height, i.fx, i.fy, i.cx, i.cy)
+    camera = Camera(scene.width, scene.height, i.fx, i.fy, i.cx, i.cy, skew=i.skew)
     target = Target.triangle(scene.triangle.side * length, scene.disc_radius * length)
     place = look_at(np.array(scene.position) * length, np.array(scene.look_at) * length)
     return camera_view(model.measurement.chain, model.setup, camera, place, target, scene.mount.matrix(length, angle))

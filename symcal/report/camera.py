@@ -9,7 +9,7 @@ from symcal.words import fixed, number, plural
 
 Content = Mapping[str, Any]
 
-_UNITS = dict.fromkeys(("fx", "fy", "cx", "cy"), "px")
+_UNITS = dict.fromkeys(("fx", "fy", "cx", "cy", "skew"), "px")
 
 
 def camera_text(content: Content) -> dict[str, Any]:
@@ -19,15 +19,18 @@ def camera_text(content: Content) -> dict[str, Any]:
         content: as `symcal.runs.camera.camera_content` gives it.
     """
     used = sum(view["used"] for view in content["views"])
+    listed = content["source"] == "corners"
     return {
         "title": "Camera calibration",
         "subtitle": (
             f"{content['board']}; {content['width']} x {content['height']} px, {plural(used, 'view')} used of "
-            f"{plural(len(content['views']) + len(content['refusals']), 'image')}."
+            f"{plural(len(content['views']) + len(content['refusals']), 'view' if listed else 'image')}."
         ),
         "version": content["versions"].get("symcal", ""),
         "grade": content["grade"],
         "verdict": [content["summary"], *content["findings"]],
+        "again": "To be looked at" if listed else "To be taken again",
+        "nothing": "Every view fits as well as the others." if listed else "No view has to be taken again.",
         "retake": [[entry["view"], entry["why"]] for entry in content["retake"]],
         "numbers": [_number(name, entry) for name, entry in content["intrinsics"].items()],
         "note": (

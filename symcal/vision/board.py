@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from symcal.camera.board import Board
 from symcal.errors import InputError
+from symcal.vision.aprilgrid import find_aprilgrid
 from symcal.vision.charuco import charuco_board
 from symcal.vision.chessboard import find_chessboard, sub_pixel
 from symcal.vision.circles import find_circles
@@ -88,7 +89,8 @@ def detect_board(image: Image, board: Board, name: str = "image") -> BoardDetect
     """The board's points in one image, or why there are none.
 
     Chessboards: the classic detector, then the sector-based one [Duda2018], both ending in a gradient-based corner
-    refinement whose window stays clear of the neighbouring corners. ChArUco boards may be seen in part.
+    refinement whose window stays clear of the neighbouring corners. ChArUco boards and AprilTag grids may be seen in
+    part.
 
     Args:
         image: grey, shape (height, width).
@@ -100,8 +102,9 @@ def detect_board(image: Image, board: Board, name: str = "image") -> BoardDetect
         level = f"its brightest pixels reach {np.percentile(image, 99.9):.0f} of 255"
         return Refusal(name, "black", f"the image is black: {level}")
     radii = None
-    if board.kind == "charuco":
-        method, indices, pixels = _find_charuco(image, board)
+    if board.kind in ("charuco", "aprilgrid"):
+        find = _find_charuco if board.kind == "charuco" else find_aprilgrid
+        method, indices, pixels = find(image, board)
         if len(indices) < _LEAST or _in_a_line(board, indices):
             seen = f"{len(indices)} corners of the board are seen" if len(indices) else "no marker of the board is seen"
             return Refusal(name, "no board", f"{seen}: at least {_LEAST}, not all in one row, are needed")
@@ -175,7 +178,8 @@ def _edge_blur(image: Image, board: Board, indices: NDArray[np.intp], pixels: Fl
     a, b = pixels[pairs[:, 0]], pixels[pairs[:, 1]]
     length = np.linalg.norm(b - a, axis=1)
     dots = "circles" in board.kind
-    half = float(np.clip((0.25 if dots else 0.12 if board.kind == "charuco" else 0.3) * np.median(length), 3.0, 25.0))
+    share = 0.25 if dots else 0.3 if board.dictionary is None else 0.12
+    half = float(np.clip(share * np.median(length), 3.0, 25.0))
     offsets = np.arange(-half, half + 0.125, 0.25)
     along = (b - a) / length[:, None]
     across = along if dots else np.stack([-along[:, 1], along[:, 0]], axis=1)

@@ -36,7 +36,7 @@ def board_views(camera: Camera, board: Board, count: int, rng: np.random.Generat
     for _ in range(_TRIES * count):
         if len(views) == count:
             break
-        pose = _view(camera, corners, middle, places[len(views) % 9], rng)
+        pose = _view(camera, corners, middle, board.facing, places[len(views) % 9], rng)
         if pose is not None:
             views.append(pose)
     if len(views) < count:
@@ -45,12 +45,14 @@ def board_views(camera: Camera, board: Board, count: int, rng: np.random.Generat
 
 
 def _view(
-    camera: Camera, corners: Float, middle: Float, place: tuple[float, float], rng: np.random.Generator
+    camera: Camera, corners: Float, middle: Float, facing: int, place: tuple[float, float], rng: np.random.Generator
 ) -> Float | None:
     """One pose near a place of the image (shares of its width and height), None if the board is not whole in it."""
     direction, tilt = rng.uniform(0, 2 * np.pi), np.deg2rad(rng.uniform(*_TILT_DEG))
     turn = Rotation.from_rotvec(tilt * np.array([np.cos(direction), np.sin(direction), 0.0]))
     turn = turn * Rotation.from_euler("z", rng.uniform(-_ROLL_DEG, _ROLL_DEG), degrees=True)
+    if facing > 0:
+        turn = turn * Rotation.from_euler("x", 180, degrees=True)
     rotation = turn.as_matrix()
     size = rng.uniform(*_SIZE) * camera.width
     depth = camera.fx * float(np.ptp(corners[:, 0])) / size

@@ -4,28 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from symcal.camera.board import Board
-from symcal.camera.camera import INTRINSIC_NAMES, Camera
-from symcal.errors import RefusedError
+from symcal.camera.camera import INTRINSIC_NAMES, NUMBER_NAMES, Camera
+from symcal.errors import InputError, RefusedError
 from symcal.vision.board import BoardDetection, Refusal
-from symcal.vision.bowed import adjust_bowed, free_coordinates
+from symcal.vision.bundle import adjust, free_coordinates
 from symcal.vision.circles import dot_bias
+from symcal.vision.corners import CornerList, is_flat
+from symcal.vision.first_guess import first_guess
+from symcal.vision.fixed_terms import AUTO, fixed_terms, free_numbers
 from symcal.vision.precision import GRID, Pose, intrinsic_covariance, projected, projection_sigma
+from symcal.words import plural
 
 Float = NDArray[np.float64]
 
 OUTLIER_FACTOR = 3.0
 """A view is dropped when its rms exceeds this multiple of the median of all views used."""
 K3_SIGMAS = 3.0
-"""k3 is free only where it differs from zero by more than this many of its standard deviations. Ours."""
+"""k3 is free only where it differs from zero by more than this many of its standard deviations, unless somebody says
+which terms are held. Ours."""
+OUTLIER_PX = 0.01
+"""A view whose rms is below this is never an outlier: exact points scatter by rounding. Ours."""
 LEAST_VIEWS = 3
-
-_CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-12)
+"""Of a flat board; a solid target can do with one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,10 +68,12 @@ class CameraCalibration:
 
     Attributes:
         camera: with covariance and rms of the views used.
-        board: what was seen.
+        board: what was seen: a board, or a list of corners.
         views: every image with a board, in the order given. refusals: every image without.
-        free: names of the intrinsics that were estimated; the others are zero and held.
-        sigma: standard deviations of the nine intrinsics, shape (9,); zero where held.
+        free: names of the numbers that were estimated; the others are zero and held. asked: those held because somebody
+            said so.
+        sigma: standard deviations of the nine intrinsics, shape (9,), with the skew, if it was free, shape (10,); zero
+            where held.
         coverage: number of points used per cell of a `GRID` over the image.
         sigma_map: error to expect of a projected point in each cell, px; see `projection_sigma`.
         dot_radius: of a circle grid, as estimated from the images, mm; None for other boards.
@@ -72,10 +81,11 @@ class CameraCalibration:
     """
 
     camera: Camera
-    board: Board
+    board: Board | CornerList
     views: tuple[View, ...]
     refusals: tuple[Refusal, ...]
     free: tuple[str, ...]
+    asked: tuple[str, ...]
     sigma: Float
     coverage: NDArray[np.intp]
     sigma_map: Float
@@ -90,137 +100,167 @@ class CameraCalibration:
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """One bundle adjustment: camera, a pose for each view, the board's points and what was free."""
+    """One bundle adjustment: camera, a pose and the points of each view, what was free."""
 
     camera: Camera
     poses: list[Pose]
-    points: Float
-    free_k3: bool
+    points: list[Float]
+    free: NDArray[np.bool_]
     free_points: NDArray[np.bool_] | None = None
 
 
+class _Wanted(NamedTuple):
+    """fixed: terms held at zero; None: k3 is, where the data do not determine it."""
+
+    fixed: frozenset[str] | None
+    skew: bool
+    bowed: bool
+
+
 def calibrate_camera(
-    detections: Sequence[BoardDetection], board: Board, refusals: Sequence[Refusal] = (), *, bowed: bool = False
+    views: Sequence[BoardDetection] | CornerList,
+    board: Board | None = None,
+    refusals: Sequence[Refusal] = (),
+    *,
+    fix: str | Iterable[str] | None = None,
+    skew: bool = False,
+    keep_all: bool | None = None,
+    bowed: bool = False,
 ) -> CameraCalibration:
     """Intrinsics, distortion and board poses that minimise the squared reprojection errors.
 
-    Repeated without the views whose rms exceeds `OUTLIER_FACTOR` times the median, until none does. k3 is estimated
-    where the data determine it (`K3_SIGMAS`), else held at zero: an undetermined k3 bends the image outside the points.
     Centroids of dots are freed from the bias of perspective and distortion with the dot radius that the images show.
 
     Args:
-        detections: views of one camera, all of one size.
-        board: as detected.
-        refusals: images without a board, handed through to the result.
+        views: of one camera, all of one size: a list of corners (`load_corners`), or what `detect_boards` found.
+        board: as detected; a list of corners brings its own points.
+        refusals: images without a board, handed through to the result; a list of corners brings its own.
+        fix: terms of the lens held at zero, of k1, k2, p1, p2, k3: exactly these, all others are free. "auto": k3 where
+            the data do not determine it (`K3_SIGMAS`), since it would bend the image outside the points. By default
+            "auto" for detections; none for a list of corners, as OpenCV does.
+        skew: estimate the skew of the image's axes too.
+        keep_all: use every view. Otherwise the fit is repeated without the views whose rms exceeds `OUTLIER_FACTOR`
+            times the median, until none does. By default a list of corners is used as it is, and detections are not.
         bowed: estimate the shape of the board too ([Strobl2011]); every view must show the whole board, in one order.
     Raises:
-        RefusedError: fewer than three views, or views that do not determine the camera.
+        RefusedError: too few views, or views that do not determine the camera.
+        InputError: an unknown term.
     """
-    views = list(detections)
-    _require(
-        len(views) >= LEAST_VIEWS, f"{len(views)} views show the board, {LEAST_VIEWS} or more are needed", refusals
-    )
-    radius = _dot_radius(views, board)
+    source: Board | CornerList
+    if isinstance(views, CornerList):
+        source, refusals = views, [*views.refusals, *refusals]
+        views, keep_all, fix = list(views.views), keep_all is not False, () if fix is None else fix
+    elif board is not None:
+        source, views, fix = board, list(views), AUTO if fix is None else fix
+    else:
+        raise InputError("detections need the board that was detected", key="board")
+    wanted = _Wanted(fixed_terms(fix), skew, bowed)
+    least = LEAST_VIEWS if is_flat(source.points) else 1
+    needed = f"{least} or more are needed"
+    _require(len(views) >= least, f"{plural(len(views), 'view')} can be used, {needed}", refusals)
+    radius = _dot_radius(views, source)
     used = list(range(len(views)))
     while True:
         chosen = [views[i] for i in used]
-        fit, pixels = _fit(chosen, board, radius, bowed)
-        errors = _residuals(fit, chosen, pixels)
+        fit, pixels = _fit(chosen, source, radius, wanted)
+        errors = _residuals(fit, pixels)
         rms = np.array([_rms(residuals) for residuals in errors])
-        bad = rms > OUTLIER_FACTOR * np.median(rms)
-        if not bad.any():
+        bad = outliers(rms)
+        if keep_all or not bad.any():
             break
         used = [index for index, drop in zip(used, bad, strict=True) if not drop]
         message = f"after dropping views with more than {OUTLIER_FACTOR:g} times the median error {len(used)} are left"
-        _require(len(used) >= LEAST_VIEWS, f"{message}, {LEAST_VIEWS} or more are needed", refusals)
-    covariance = _covariance(fit, chosen, np.concatenate(errors))
+        _require(len(used) >= least, f"{message}, {needed}", refusals)
+    covariance = _covariance(fit, np.concatenate(errors))
+    names = NUMBER_NAMES if skew else INTRINSIC_NAMES
+    covariance = covariance[: len(names), : len(names)]
     camera = replace(fit.camera, covariance=covariance, rms_px=_rms(np.concatenate(errors)))
-    fit = replace(fit, camera=camera)
     poses = dict(zip(used, fit.poses, strict=True))
     limit = f"{OUTLIER_FACTOR:g} times the median of the others ({np.median(rms):.2f} px)"
-    results = [_view(fit, view, board, poses.get(index), radius, limit) for index, view in enumerate(views)]
+    points = fit.points[0] if bowed else source.points
+    results = [_view(camera, view, points, source, poses.get(i), radius, limit) for i, view in enumerate(views)]
     return CameraCalibration(
         camera=camera,
-        board=board,
+        board=source,
         views=tuple(results),
         refusals=tuple(refusals),
-        free=INTRINSIC_NAMES if fit.free_k3 else INTRINSIC_NAMES[:-1],
+        free=tuple(name for name, free in zip(names, fit.free, strict=False) if free),
+        asked=tuple(name for name in names if name in (wanted.fixed or ())),
         sigma=np.sqrt(np.diag(covariance)),
         coverage=_coverage(camera, np.concatenate([view.pixels for view in results if view.used])),
         sigma_map=projection_sigma(camera),
         dot_radius=radius,
-        shape=fit.points if bowed else None,
+        shape=points if bowed else None,
     )
 
 
-def _fit(views: list[BoardDetection], board: Board, radius: float | None, bowed: bool) -> tuple[_Fit, list[Float]]:
+def _fit(
+    views: list[BoardDetection], board: Board | CornerList, radius: float | None, wanted: _Wanted
+) -> tuple[_Fit, list[Float]]:
     """The adjustment of all stages, and the image points it rests on."""
     pixels = [view.pixels for view in views]
-    fit = _adjust(views, pixels, board, free_k3=True)
-    covariance = _covariance(fit, views, np.concatenate(_residuals(fit, views, pixels)))
-    free_k3 = bool(abs(fit.camera.dist[4]) > K3_SIGMAS * np.sqrt(covariance[8, 8]))
-    if not free_k3:
-        fit = _adjust(views, pixels, board, free_k3=False)
-    for _ in range(3 if radius is not None else 0):
-        pixels = [_unbiased(fit.camera, pose, view, board, radius) for pose, view in zip(fit.poses, views, strict=True)]
-        fit = _adjust(views, pixels, board, free_k3)
-    return (_bend(fit, views, pixels, board) if bowed else fit), pixels
+    fit = _adjust(views, pixels, board, free_numbers(wanted.fixed or frozenset(), wanted.skew))
+    if wanted.fixed is None:
+        covariance = _covariance(fit, np.concatenate(_residuals(fit, pixels)))
+        k3 = NUMBER_NAMES.index("k3")
+        if abs(fit.camera.numbers[k3]) <= K3_SIGMAS * np.sqrt(covariance[k3, k3]):
+            fit = _adjust(views, pixels, board, free_numbers(frozenset({"k3"}), wanted.skew))
+    if isinstance(board, Board):
+        for _ in range(3 if radius is not None else 0):
+            pixels = [
+                _unbiased(fit.camera, pose, view, board, radius) for pose, view in zip(fit.poses, views, strict=True)
+            ]
+            fit = _adjust(views, pixels, board, fit.free)
+    return (_bend(fit, views, pixels, board) if wanted.bowed else fit), pixels
 
 
-def _adjust(views: list[BoardDetection], pixels: list[Float], board: Board, free_k3: bool) -> _Fit:
-    """One bundle adjustment by OpenCV with a flat board."""
-    points = [board.points[view.indices].astype(np.float32) for view in views]
-    images = [image.astype(np.float32).reshape(-1, 1, 2) for image in pixels]
-    flags = 0 if free_k3 else cv2.CALIB_FIX_K3
-    start = (views[0].size, np.eye(3), np.zeros(5))
-    try:
-        _, matrix, dist, turns, shifts = cv2.calibrateCamera(points, images, *start, flags=flags, criteria=_CRITERIA)
-    except cv2.error as error:
-        raise RefusedError(f"the views do not determine the camera: {str(error).strip()}") from None
-    return _Fit(_checked(views[0].size, matrix, dist), _poses(turns, shifts), board.points, free_k3)
+def _adjust(
+    views: list[BoardDetection], pixels: list[Float], board: Board | CornerList, free: NDArray[np.bool_]
+) -> _Fit:
+    """One bundle adjustment of a target as it is said to be."""
+    points = [board.points[view.indices] for view in views]
+    start = first_guess(points, pixels, views[0].size, free)
+    camera, poses, points = adjust(*start, points, pixels, free)
+    return _Fit(camera, poses, points, free)
 
 
-def _bend(fit: _Fit, views: list[BoardDetection], pixels: list[Float], board: Board) -> _Fit:
+def _bend(fit: _Fit, views: list[BoardDetection], pixels: list[Float], board: Board | CornerList) -> _Fit:
+    if not isinstance(board, Board):
+        raise RefusedError("the shape of a board can be estimated from images of it, not from a list of corners")
     if any(len(view.indices) < len(board.points) for view in views):
         raise RefusedError("the shape of a board can be estimated only from views that show all of it")
-    camera, poses, points = adjust_bowed(fit.camera, fit.poses, board, pixels, fit.free_k3)
-    return _Fit(camera, poses, points, fit.free_k3, free_coordinates(board))
+    shape = free_coordinates(board)
+    return _Fit(*adjust(fit.camera, fit.poses, fit.points, pixels, fit.free, shape), fit.free, shape)
 
 
-def _checked(size: tuple[int, int], matrix: object, dist: object) -> Camera:
-    k = np.asarray(matrix, dtype=np.float64)
-    numbers = np.array([k[0, 0], k[1, 1], k[0, 2], k[1, 2], *np.ravel(np.asarray(dist))[:5]])
-    if not np.all(np.isfinite(numbers)) or min(numbers[:2]) <= 0:
-        raise RefusedError("the views do not determine the camera: tilt the board by 30 to 45 deg in several views")
-    fx, fy, cx, cy, *coefficients = numbers.tolist()
-    return Camera(size[0], size[1], fx, fy, cx, cy, tuple(coefficients))
+def _residuals(fit: _Fit, pixels: list[Float]) -> list[Float]:
+    rows = zip(fit.poses, fit.points, pixels, strict=True)
+    return [measured - projected(fit.camera, pose, points) for pose, points, measured in rows]
 
 
-def _poses(turns: Iterable[object], shifts: Iterable[object]) -> list[Pose]:
-    return [(np.ravel(r).astype(float), np.ravel(t).astype(float)) for r, t in zip(turns, shifts, strict=True)]  # type: ignore[call-overload]
-
-
-def _residuals(fit: _Fit, views: list[BoardDetection], pixels: list[Float]) -> list[Float]:
-    return [
-        measured - projected(fit.camera, pose, fit.points[view.indices])
-        for pose, view, measured in zip(fit.poses, views, pixels, strict=True)
-    ]
-
-
-def _covariance(fit: _Fit, views: list[BoardDetection], residuals: Float) -> Float:
-    points = [fit.points[view.indices] for view in views]
+def _covariance(fit: _Fit, residuals: Float) -> Float:
     return intrinsic_covariance(
-        fit.camera, fit.poses, points, residuals, free_k3=fit.free_k3, free_points=fit.free_points
+        fit.camera, fit.poses, fit.points, residuals, free=fit.free, free_points=fit.free_points
     )
 
 
-def _view(fit: _Fit, view: BoardDetection, board: Board, pose: Pose | None, radius: float | None, limit: str) -> View:
-    camera, points = fit.camera, fit.points[view.indices]
+def _view(
+    camera: Camera,
+    view: BoardDetection,
+    shape: Float,
+    board: Board | CornerList,
+    pose: Pose | None,
+    radius: float | None,
+    limit: str,
+) -> View:
+    points = shape[view.indices]
     used = pose is not None
     if pose is None:
-        _, turn, shift = cv2.solvePnP(points, view.pixels, camera.matrix, np.array(camera.dist))
+        upright = view.pixels.copy()  # OpenCV has no skew
+        upright[:, 0] -= camera.skew / camera.fy * (upright[:, 1] - camera.cy)
+        _, turn, shift = cv2.solvePnP(points, upright, camera.matrix, np.array(camera.dist))
         pose = (np.ravel(turn).astype(float), np.ravel(shift).astype(float))
-    pixels = _unbiased(camera, pose, view, board, radius)
+    pixels = _unbiased(camera, pose, view, board, radius) if isinstance(board, Board) else view.pixels
     residuals = pixels - projected(camera, pose, points)
     transform = _transform(pose)
     middle = (transform @ [*points.mean(axis=0), 1.0])[:3]
@@ -243,9 +283,14 @@ def _unbiased(camera: Camera, pose: Pose, view: BoardDetection, board: Board, ra
     return view.pixels - np.nan_to_num(bias)
 
 
-def _dot_radius(views: list[BoardDetection], board: Board) -> float | None:
+def _dot_radius(views: list[BoardDetection], board: Board | CornerList) -> float | None:
     radii = [view.radii for view in views if view.radii is not None]
-    return float(np.median(np.concatenate(radii))) * board.square if radii else None
+    return float(np.median(np.concatenate(radii))) * board.square if radii and isinstance(board, Board) else None
+
+
+def outliers(rms: Float) -> NDArray[np.bool_]:
+    """Views whose rms sticks out, shape (n,)."""
+    return np.asarray(rms > max(OUTLIER_FACTOR * float(np.median(rms)), OUTLIER_PX))
 
 
 def _coverage(camera: Camera, pixels: Float) -> NDArray[np.intp]:

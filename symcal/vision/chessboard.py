@@ -34,13 +34,13 @@ def find_chessboard(image: Image, board: Board) -> tuple[str, Float]:
     plain, half, double = ("", 1.0), (" at half size", 2.0), (" at double size", 0.5)
     large, small = max(image.shape) > _LARGE, max(image.shape) < _SMALL
     for suffix, factor in (half, plain) if large else (plain,):
-        found, corners = cv2.findChessboardCorners(_resized(image, 1 / factor), size, flags=classic)
+        found, corners = cv2.findChessboardCorners(resized(image, 1 / factor), size, flags=classic)
         if found:
-            return f"classic{suffix}", _refined(image, board, _ordered(image, board, _unscaled(corners, factor)))
+            return f"classic{suffix}", _refined(image, board, _ordered(image, board, unscaled(corners, factor)))
     for suffix, factor in (plain, double) if small else (plain,):
-        found, corners = cv2.findChessboardCornersSB(_resized(image, 1 / factor), size, flags=sector)
+        found, corners = cv2.findChessboardCornersSB(resized(image, 1 / factor), size, flags=sector)
         if found:
-            return f"sector-based{suffix}", _refined(image, board, _ordered(image, board, _unscaled(corners, factor)))
+            return f"sector-based{suffix}", _refined(image, board, _ordered(image, board, unscaled(corners, factor)))
     return "none", np.empty((0, 2))
 
 
@@ -54,14 +54,15 @@ def sub_pixel(image: Image, corners: Float, half_window: int) -> Float:
     return np.asarray(refined, dtype=np.float64).reshape(-1, 2)
 
 
-def _resized(image: Image, factor: float) -> Image:
+def resized(image: Image, factor: float) -> Image:
+    """The image at so many times its size."""
     if factor == 1:
         return image
     method = cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC
     return np.asarray(cv2.resize(image, None, fx=factor, fy=factor, interpolation=method), dtype=np.uint8)
 
 
-def _unscaled(corners: object, factor: float) -> Float:
+def unscaled(corners: object, factor: float) -> Float:
     """Corners of a scaled image in the original one: pixel centres are whole numbers in both."""
     return (np.asarray(corners, dtype=np.float64).reshape(-1, 2) + 0.5) * factor - 0.5
 

@@ -17,7 +17,9 @@ from scipy.spatial import ConvexHull
 
 from symcal.camera.board import Board
 from symcal.camera.target import Target
-from symcal.vision.charuco import charuco_board, charuco_dictionary
+from symcal.vision.aprilgrid import tag_bits
+from symcal.vision.charuco import charuco_board
+from symcal.vision.markers import marker_dictionary
 
 Float = NDArray[np.floating[Any]]
 Pattern = Callable[[Float, Float], Float]
@@ -40,7 +42,7 @@ class Plate:
 
 
 def board_plate(board: Board, circle_radius: float | None = None) -> Plate:
-    """A board on a white plate with a margin of one square around it.
+    """A board on a white plate with a margin of one square around it (of a gap more for an AprilTag grid).
 
     Args:
         board: any kind.
@@ -50,11 +52,14 @@ def board_plate(board: Board, circle_radius: float | None = None) -> Plate:
     points = board.points[:, :2]
     if board.kind in ("chessboard", "charuco"):
         points = np.concatenate([points - square, points + square])
-    low, high = points.min(axis=0) - square, points.max(axis=0) + square
+    margin = square + (board.gap or 0.0)
+    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
     if board.kind == "chessboard":
         face = _chessboard(board)
     elif board.kind == "charuco":
         face = _charuco(board)
+    elif board.kind == "aprilgrid":
+        face = _aprilgrid(board)
     else:
         face = _circles(board, circle_radius)
 
@@ -63,7 +68,7 @@ def board_plate(board: Board, circle_radius: float | None = None) -> Plate:
         return np.where(inside, face(x, y), np.nan)
 
     outline = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
-    return Plate(np.eye(4), pattern, outline, facing=-1)
+    return Plate(np.eye(4), pattern, outline, board.facing)
 
 
 def target_plates(target: Target, black: bool, margin: float) -> list[Plate]:
@@ -112,7 +117,7 @@ def _cell(coordinate: Float) -> NDArray[np.int32]:
 
 def _charuco(board: Board) -> Pattern:
     """Black squares, and in each white one its marker: a grid of bits in a black frame of one bit."""
-    source, dictionary = charuco_board(board), charuco_dictionary(board)
+    source, dictionary = charuco_board(board), marker_dictionary(board)
     bits = dictionary.markerSize + 2
     corners = np.array(source.getObjPoints(), dtype=np.float64)[:, 0, :2]
     side = board.marker or board.square
@@ -133,6 +138,24 @@ def _charuco(board: Board) -> Pattern:
         value = grid[row, column, np.clip(j, 0, bits - 1), np.clip(i, 0, bits - 1)]
         value = np.where(value < 2, 0.0, np.where(on_marker, value - 2, 1.0))
         return np.where(inside, value, 1.0)
+
+    return face
+
+
+def _aprilgrid(board: Board) -> Pattern:
+    """Tags, y upwards, and black squares in the gaps at their corners, which make every corner a crossing."""
+    tags = np.array([tag_bits(board, number)[::-1] for number in range(board.columns * board.rows)])
+    bits, pitch = tags.shape[1], board.square + (board.gap or 0.0)
+
+    def face(x: Float, y: Float) -> Float:
+        column, row = _cell(x / pitch), _cell(y / pitch)
+        i, j = _cell((x - column * pitch) / board.square * bits), _cell((y - row * pitch) / board.square * bits)
+        crossing = (i >= bits) & (j >= bits) & (column >= -1) & (column < board.columns)
+        crossing &= (row >= -1) & (row < board.rows)
+        on_tag = (i < bits) & (j < bits) & (column >= 0) & (column < board.columns) & (row >= 0) & (row < board.rows)
+        number = np.where(on_tag, row * board.columns + column, 0)
+        white = tags[number, np.clip(j, 0, bits - 1), np.clip(i, 0, bits - 1)]
+        return np.where(on_tag, np.where(white, 1.0, 0.0), np.where(crossing, 0.0, 1.0))
 
     return face
 

@@ -56,11 +56,11 @@ def render_board(
     *,
     circle_radius: float | None = None,
 ) -> Image:
-    """Image of a calibration board; its face looks along -z of its frame, towards a camera in front of it.
+    """Image of a calibration board; its face looks as `Board.facing` says, towards a camera in front of it.
 
     Args:
         camera: numbers and distortion.
-        board: printed on a white plate with a margin of one square.
+        board: printed on a white plate with a margin of one square; parts of it may be out of the image.
         T_camera_board: shape (4, 4), mm.
         rng: for the noise.
         look: grey levels, blur, noise, vignetting.

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.camera.camera import Camera, rays
-from symcal.vision.calibrate import CameraCalibration, View
+from symcal.vision.calibrate import CameraCalibration, View, outliers
+from symcal.vision.corners import is_flat
 
 Grade = Literal["good", "usable", "poor"]
 
@@ -65,10 +66,11 @@ def judge(calibration: CameraCalibration) -> Verdict:
     if worst > GOOD_SIGMA_PX:
         poor |= worst > POOR_SIGMA_PX
         findings.append(f"projected points are uncertain by up to {worst:.2f} px (1 sigma) where the board was seen")
-    if len(used) < FEWEST_VIEWS:
+    flat = is_flat(calibration.board.points)
+    if flat and len(used) < FEWEST_VIEWS:
         findings.append(f"only {len(used)} views were used: take at least {FEWEST_VIEWS}, better 15 to 20")
     tilted = sum(view.tilt > TILT for view in used)
-    if tilted < TILTED_VIEWS:
+    if flat and tilted < TILTED_VIEWS:
         poor |= tilted == 0
         findings.append(
             f"the views are frontal: {tilted} of {len(used)} are tilted by more than {np.rad2deg(TILT):.0f} deg, so "
@@ -108,9 +110,15 @@ def uncovered_corners(camera: Camera, pixels: NDArray[np.float64]) -> list[str]:
 
 def _retake(calibration: CameraCalibration) -> list[tuple[str, str]]:
     result = [(refusal.name, refusal.reason) for refusal in calibration.refusals]
-    typical = float(np.nanmedian([view.blur_px for view in calibration.views]))
+    blurs = np.array([view.blur_px for view in calibration.views])
+    typical = float(np.nanmedian(blurs)) if np.isfinite(blurs).any() else float("nan")
+    rms = np.array([view.rms_px for view in calibration.used])
+    strange = {view.name for view, out in zip(calibration.used, outliers(rms), strict=True) if out}
     for view in calibration.views:
         reasons = [] if view.used else [f"not used: {view.reason}"]
+        if view.name in strange:
+            times = view.rms_px / float(np.median(rms))
+            reasons.append(f"error {view.rms_px:.2f} px, {times:.1f} times the median of the views")
         if _blurred(view, typical):
             reasons.append(f"blurred: edges of {view.blur_px:.1f} px (sigma), the others {typical:.1f} px")
         if reasons:

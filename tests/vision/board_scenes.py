@@ -37,6 +37,8 @@ def board_views(
         direction, tilt = rng.uniform(0, 2 * np.pi), rng.uniform(0.2, 0.7)
         tilted = Rotation.from_rotvec([tilt * np.cos(direction), tilt * np.sin(direction), 0])
         rotation = tilted * Rotation.from_rotvec([0, 0, rng.uniform(-0.4, 0.4)])
+        if board.facing > 0:
+            rotation = rotation * Rotation.from_rotvec([np.pi, 0, 0])
         pixel = np.array([camera.width, camera.height]) * rng.uniform(0.2, 0.8, 2)
         view = placed(rotation, middle, rays(camera, pixel), depth)
         pixels = project_points(camera, board.points @ view[:3, :3].T + view[:3, 3])

@@ -20,7 +20,7 @@ from symcal.vision.render import Look, render_board
 
 CAMERA = Camera(1000, 800, 800.0, 801.0, 510.0, 390.0, (-0.25, 0.08))
 TILT = Rotation.from_rotvec([0.35, -0.4, 0.1])
-LIMIT_PX = {"chessboard": 0.05, "charuco": 0.10, "circles": 0.02, "asymmetric_circles": 0.02}
+LIMIT_PX = {"chessboard": 0.05, "charuco": 0.10, "circles": 0.02, "asymmetric_circles": 0.02, "aprilgrid": 0.06}
 
 
 @pytest.mark.parametrize(
@@ -31,6 +31,7 @@ LIMIT_PX = {"chessboard": 0.05, "charuco": 0.10, "circles": 0.02, "asymmetric_ci
         "circles:8x6:25mm",
         "asymmetric_circles:4x11:15mm",
         "charuco:9x6:25mm:18mm:DICT_4X4_50",
+        "aprilgrid:6x4:24mm:8mm",
     ],
 )
 def test_points_are_found_to_sub_pixel(text: str, rng: np.random.Generator) -> None:
@@ -38,7 +39,7 @@ def test_points_are_found_to_sub_pixel(text: str, rng: np.random.Generator) -> N
     for view in board_views(CAMERA, board, 3, rng):
         found = detect_board(render_board(CAMERA, board, view, rng), board)
         assert isinstance(found, BoardDetection)
-        assert len(found.indices) >= (0.9 if board.kind == "charuco" else 1.0) * len(board.points)
+        assert len(found.indices) >= (1.0 if board.dictionary is None else 0.9) * len(board.points)
         true = seen(CAMERA, board, view)
         if found.radii is not None:
             radius = float(np.median(found.radii)) * board.square

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from symcal.camera.board import Board
+from symcal.camera.board_pose import BoardPose, board_pose
 from symcal.camera.camera import Camera
 from symcal.data.dataset import Dataset, Readings
 from symcal.errors import InputError, RefusedError
@@ -29,7 +30,6 @@ from symcal.placing.pairing import foreign_views
 from symcal.robot.robot import Robot
 from symcal.spatial import transform
 from symcal.vision.board import BoardDetection, detect_board
-from symcal.vision.board_pose import BoardPose, board_pose
 from symcal.vision.board_size import other_size
 from symcal.words import plural
 
@@ -157,7 +157,7 @@ def _believed(
     notes: list[str] = []
     posed: list[tuple[_View, BoardPose]] = []
     for view in views:
-        pose = board_pose(camera, board, view.detection)
+        pose = board_pose(camera, board, view.detection.indices, view.detection.pixels)
         if pose is None:
             failures.append((view.shot.name, "its corners do not tell where the board is"))
         else:

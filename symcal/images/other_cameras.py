@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from symcal.camera.board_pose import BoardPose
 from symcal.errors import RefusedError
-from symcal.vision.board_pose import BoardPose
 from symcal.words import plural
 
 _FOCAL, _SIGMAS = 0.03, 5.0  # least difference that is told, as a share and in standard deviations

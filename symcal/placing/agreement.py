@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from symcal import spatial
-from symcal.placing.registration import LEVER, hand_eye
+from symcal.camera.board_pose import LEVER
+from symcal.placing.registration import hand_eye
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

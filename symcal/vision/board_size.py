@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from symcal.camera.board import Board
 from symcal.errors import InputError
-from symcal.vision.charuco import charuco_board, charuco_dictionary
+from symcal.vision.charuco import charuco_board
 from symcal.vision.images import Image
+from symcal.vision.markers import marker_dictionary
 
 Float = NDArray[np.float64]
 
@@ -44,7 +45,7 @@ def _other_chessboard(image: Image, board: Board) -> str | None:
 
 
 def _other_charuco(image: Image, board: Board) -> str | None:
-    corners, numbers = _markers(image, charuco_dictionary(board))
+    corners, numbers = _markers(image, marker_dictionary(board))
     if len(numbers) < _MARKERS:
         return _other_dictionary(image, board)
     centres = corners.mean(axis=1)
@@ -92,7 +93,7 @@ def _other_dictionary(image: Image, board: Board) -> str | None:
     found: dict[str, NDArray[np.intp]] = {}
     for name in _LARGEST:
         if name != board.dictionary:
-            found[name] = _markers(image, charuco_dictionary(replace(board, dictionary=name)))[1]
+            found[name] = _markers(image, marker_dictionary(replace(board, dictionary=name)))[1]
     name = max(found, key=lambda name: len(found[name]))
     if len(found[name]) < _MARKERS:
         return None

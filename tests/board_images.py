@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from cases import ARM
+from cases import ARM as NAMELESS
 from scipy.spatial.transform import Rotation
 
 from symcal import spatial
@@ -21,6 +21,11 @@ from symcal.vision.render import Look, render_board
 LENS = Camera(480, 360, 460.0, 461.0, 241.0, 178.0, (-0.15, 0.03))
 BOARD = parse_board("charuco:8x6:40mm:30mm:DICT_4X4_50")
 LOOK = Look(noise=0.006)
+
+ARM = replace(
+    NAMELESS,
+    links=tuple(replace(link, joint=replace(link.joint, name=f"j{i}")) for i, link in enumerate(NAMELESS.links, start=1)),
+)
 
 MIDDLE = np.array([0.3, -1.6, 1.9, -1.9, -1.6, 0.2])
 """Joint readings of the arm (rad) about which it looks at the board."""

@@ -12,6 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from symcal.config.measurements import (
     FileData,
+    ImagesData,
     MeasurementConfig,
     Name,
     TargetConfig,
@@ -171,7 +172,7 @@ class ExperimentFile(Strict):
     targets: dict[Name, TargetConfig] = {}
     measurements: dict[Name, Any] = {}
     plan: PlanConfig = PlanConfig()
-    data: Annotated[FileData | SimulatedData | RenderedData, Field(discriminator="source")] | None = None
+    data: Annotated[FileData | ImagesData | SimulatedData | RenderedData, Field(discriminator="source")] | None = None
     identification: IdentificationConfig = IdentificationConfig()
     validation: ValidationConfig = ValidationConfig()
     study: StudyConfig | None = None

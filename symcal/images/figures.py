@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.ticker import FuncFormatter
 
 from symcal.calibration.evaluate import Errors
-from symcal.images.rendered import Example
+from symcal.images.examples import Example
 from symcal.images.run import ImageRun
 from symcal.plots.style import (
     BLUE,

@@ -12,6 +12,7 @@ from symcal import spatial
 from symcal.camera.board import Board
 from symcal.camera.camera import Camera
 from symcal.camera.target import Target
+from symcal.images.examples import Example
 from symcal.images.measure import MeasuredImages
 from symcal.images.shots import Shot
 from symcal.model.measurement import Setup
@@ -24,16 +25,6 @@ from symcal.vision.images import Image
 from symcal.vision.render import Look, render_board, render_discs
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class Example:
-    """An image with what was found in it: points, shape (k, 2), px, and their names if they have any."""
-
-    name: str
-    image: Image
-    pixels: Array
-    labels: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)

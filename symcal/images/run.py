@@ -25,9 +25,10 @@ from symcal.documents.document import Document
 from symcal.errors import InputError, RefusedError
 from symcal.fit.estimation import Options
 from symcal.images.comparison import Ways, compare_ways
+from symcal.images.examples import Example
 from symcal.images.facts import accuracy_facts, camera_facts, comparison_facts, image_facts, project_poses
 from symcal.images.measure import MeasuredImages, measure_images
-from symcal.images.rendered import Example, RenderedImages, calibrate_rendered, target_poses, target_shots
+from symcal.images.rendered import RenderedImages, calibrate_rendered, target_poses, target_shots
 from symcal.images.shots import Shot
 from symcal.instruments import seen_by
 from symcal.model.model import Model, State, build_model

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.data.split import Split, splits
 from symcal.documents.table import joint_readings, read_table
 from symcal.errors import InputError
 from symcal.robot.robot import Robot
@@ -49,15 +50,19 @@ class Shots:
         return cls(tuple(shots), tuple(range(len(shots))), tuple(shot.label for shot in shots), q)
 
 
-def read_shots(path: Path | str, robot: Robot, images: Sequence[Path]) -> Shots:
+def read_shots(path: Path | str, robot: Robot, images: Sequence[Path], split: Split | None = None) -> Shots:
     """Images with their joint readings, from a CSV file with the columns `image`, joints, and `pose`, `split` if any.
 
+    Args:
+        split: which poses train and which test; None keeps the labels of a column `split` as they are.
     Raises:
         InputError: a file that cannot be read, two images of one name, or an image that stands twice.
     """
     table = read_table(path)
     if "image" not in table.columns:
         raise InputError("there is no column 'image'", file=path, line=table.head_line, allowed=table.columns)
+    if not len(table):
+        raise InputError("the file has a header but no rows", file=path)
     q = joint_readings(table, [(joint.name, joint.revolute) for joint in robot.joints])
     places: dict[str, Path] = {}
     for image in images:
@@ -66,7 +71,10 @@ def read_shots(path: Path | str, robot: Robot, images: Sequence[Path]) -> Shots:
         places[image.name] = image
     names = table.text("image")
     labels = table.text("pose") if "pose" in table.columns else [Path(name).stem for name in names]
-    splits = table.text("split") if "split" in table.columns else ["train"] * len(table)
+    if split is not None:
+        parts: Sequence[str] = splits(table, range(len(table)), split, alone=False)
+    else:
+        parts = table.text("split") if "split" in table.columns else ["train"] * len(table)
     shots, rows, left = [], [], []
     for row, name in enumerate(names):
         if names.index(name) != row:
@@ -75,7 +83,7 @@ def read_shots(path: Path | str, robot: Robot, images: Sequence[Path]) -> Shots:
         if file is None:
             left.append((name, f"line {table.lines[row]} of {Path(path).name} names it, but no such image was given"))
         else:
-            shots.append(Shot(name, labels[row], splits[row], q[row], _reader(file)))
+            shots.append(Shot(name, labels[row], parts[row], q[row], _reader(file)))
             rows.append(row)
     left += [(name, f"{Path(path).name} has no joint readings for it") for name in places]
     return Shots(tuple(shots), tuple(rows), tuple(labels), q, tuple(left))

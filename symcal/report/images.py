@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from symcal.words import MINUS, fixed, listed, number, plural
+from symcal.words import MINUS, fixed, listed, number, percent, plural
 
 Content = Mapping[str, Any]
 
@@ -26,7 +26,7 @@ def images_text(content: Content) -> dict[str, Any] | None:
     """
     ways = content.get("comparison", {})
     if "residuals_px" not in content:
-        return None
+        return _measured(content["measured_images"]) if "measured_images" in content else None
     return {
         "text": _sentences(content),
         "ways": [_way(name, ways[name]) for name in _WAYS if name in ways],
@@ -35,6 +35,22 @@ def images_text(content: Content) -> dict[str, Any] | None:
         "camera": _camera(content.get("camera")),
         "calibration": _calibration(content.get("camera")),
     }
+
+
+def _measured(entries: Mapping[str, Any]) -> dict[str, Any]:
+    """The section about images that were given and measured in the run."""
+    text = []
+    for name, facts in entries.items():
+        called = f"'{name}': " if len(entries) > 1 else ""
+        share = facts["points"] / (facts["measured"] * facts["points_of_an_image"])
+        text.append(
+            f"{called}{facts['measured']} of {plural(facts['given'], 'image')} were measured, with {facts['points']} "
+            f"image points: {percent(share)} of the target's points in each, in the mean."
+        )
+        if facts["where"]:
+            text.append(f"{facts['where'][0].upper()}{facts['where'][1:]}.")
+        text += [f"Not measured: {entry['image']}: {entry['reason']}." for entry in facts["failures"]]
+    return {"text": text, "ways": [], "count": "", "note": "", "camera": [], "calibration": ""}
 
 
 def _sentences(content: Content) -> list[str]:

@@ -1,7 +1,8 @@
-"""The measurements of an experiment: simulated, or read from a file."""
+"""The measurements of an experiment: simulated, read from a file, or measured in images."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,29 +11,35 @@ import numpy as np
 from symcal.calibration.compensation_check import true_robot
 from symcal.calibration.simulate import concatenate, simulate
 from symcal.config import conversion as config
-from symcal.config.conversion import ExperimentFile, FileData, SimulatedData
+from symcal.config.conversion import ExperimentFile, FileData, ImagesData, SimulatedData
 from symcal.data.dataset import Dataset, merged, with_random_test
 from symcal.data.measurement_file import load_measurements
 from symcal.documents.document import Document, Key
-from symcal.errors import InputError
+from symcal.errors import InputError, RefusedError
+from symcal.images.entries import EntryImages, measure_entry
+from symcal.images.shots import read_shots
 from symcal.instruments.noise import Noise
 from symcal.model.model import Model
 from symcal.model.observation import Observation
 from symcal.planning.drive_plan import Planned
 from symcal.robot.robot import Robot
+from symcal.runs.camera import image_files
+
+Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
 class MeasuredData:
     """The measurements of a run, and the files read.
 
-    Of simulated ones also the true robot, and the test poses, if any, without noise.
+    Of simulated ones also the true robot, and the test poses, if any, without noise. images: what was measured in them.
     """
 
     data: Dataset
     inputs: tuple[Path, ...] = ()
     truth: Robot | None = None
     exact: Dataset | None = None
+    images: tuple[EntryImages, ...] = ()
 
 
 def measurements(
@@ -43,13 +50,14 @@ def measurements(
     *,
     data: Path | None = None,
     planned: Planned | None = None,
+    progress: Progress = lambda _: None,
 ) -> MeasuredData:
-    """The measurements of an experiment, simulated or read.
+    """The measurements of an experiment, simulated, read, or measured in images.
 
     Args:
         data: a file instead of the experiment's. planned: poses that simulated data train at, instead of random ones.
     Raises:
-        InputError: there are none, or they cannot be read.
+        InputError: there are none, or they cannot be read. RefusedError: images that cannot be believed.
     """
     source = file.data
     if isinstance(source, SimulatedData) and data is None:
@@ -60,11 +68,12 @@ def measurements(
             message = "several instruments measure: give each its file under 'measurements', not --data"
             raise InputError(message, key="--data", found=data)
         (layout,) = given.values()
-        layout = layout or FileData(source="file", file=str(data))
+        layout = layout if isinstance(layout, FileData) else FileData(source="file", file=str(data))
         read = [_read(o, layout, data, model) for o in model.task.observations]
         return MeasuredData(_drawn(merged(read, [o.session for o in model.task.observations]), layout, rng), (data,))
     sets: list[Dataset] = []
     paths: list[Path] = []
+    images: list[EntryImages] = []
     seen: dict[object, str] = {}
     for o in model.task.observations:
         own = given.get(o.of)
@@ -72,7 +81,14 @@ def measurements(
             message = "there is nothing to identify from: give 'data' here, or measurements with --data"
             key: Key = ("data",) if file.measurement is not None else ("measurements", o.of, "data")
             raise document.error(message, key)
-        where: Key = ("data", "file") if own is file.data else ("measurements", o.of, "data", "file")
+        here: Key = ("data",) if own is file.data else ("measurements", o.of, "data")
+        if isinstance(own, ImagesData):
+            measured, joints = _measured(o, own, document, here, model, progress)
+            images.append(measured)
+            sets.append(measured.data)
+            paths.append(joints)
+            continue
+        where: Key = (*here, "file")
         path = config.existing(document, own.file, where, "file of measurements")
         chosen = (tuple(sorted(own.where.items())), tuple(sorted((k, str(v)) for k, v in own.columns.items())))
         rows = (path, o.instrument.name, chosen, o.features, o.session)
@@ -91,10 +107,28 @@ def measurements(
         message = "poses are held out for all instruments together: say the same 'test_fraction' for every one, or none"
         found = layouts[odd].split.test_fraction
         raise document.error(message, ("measurements", odd, "data", "split"), found=found)
-    return MeasuredData(_drawn(merged(sets, sessions), next(iter(layouts.values())), rng), tuple(dict.fromkeys(paths)))
+    measured_data = _drawn(merged(sets, sessions), next(iter(layouts.values())), rng)
+    if images and "train" not in measured_data.split:
+        raise RefusedError("no pose is for training: none of those that the joints file calls so was measured")
+    return MeasuredData(measured_data, tuple(dict.fromkeys(paths)), images=tuple(images))
 
 
-def _drawn(data: Dataset, layout: FileData, rng: np.random.Generator) -> Dataset:
+def _measured(
+    o: Observation, source: ImagesData, document: Document, key: Key, model: Model, progress: Progress
+) -> tuple[EntryImages, Path]:
+    """What one instrument reads in its images, and the file of their joint readings."""
+    joints = config.existing(document, source.joints, (*key, "joints"), "file of joint readings")
+    try:
+        files = image_files([document.resolve(path, (*key, "files")) for path in source.listed])
+        shots = read_shots(joints, model.robot, files, config.split_of(source.split))
+        return measure_entry(o, shots, model.robot, progress), joints
+    except InputError as error:
+        if error.file is not None:
+            raise
+        raise document.error(error.message, key, found=error.found, allowed=error.allowed) from None
+
+
+def _drawn(data: Dataset, layout: FileData | ImagesData, rng: np.random.Generator) -> Dataset:
     """With a random share held out where the file says so."""
     fraction = layout.split.test_fraction
     return data if fraction is None else with_random_test(data, fraction, rng)

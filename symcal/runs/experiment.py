@@ -16,12 +16,13 @@ from symcal.calibration.compensation_check import POSES, Handover, hand_over
 from symcal.calibration.evaluate import Errors, evaluate_each, expected_position_rms, judging
 from symcal.calibration.identify import Calibration, baseline_model, calibrate
 from symcal.config import conversion as config
-from symcal.config.conversion import ExperimentFile, RenderedData, SimulatedData
+from symcal.config.conversion import ExperimentFile, FileData, ImagesData, RenderedData, SimulatedData
 from symcal.data.dataset import Dataset
 from symcal.data.saved_measurements import save_measurements
 from symcal.documents.document import write_document
 from symcal.errors import InputError, RefusedError
 from symcal.export.results import correction_facts, handover_facts
+from symcal.images.entries import EntryImages, measured_head
 from symcal.images.files import write_images
 from symcal.images.run import AGAINST, ERROR, ImageRun, run_images
 from symcal.planning.drive_plan import Planned, find_plan, plan_generator
@@ -44,7 +45,8 @@ class Outcome:
     """What an identification run found.
 
     planned: the plan behind simulated data, if they have one. handover: what compensation achieves, where the truth is
-        known. images: of a simulated measurement with a camera; its errors are against the truth.
+        known. images: of a simulated measurement with a camera; its errors are against the truth. measured_in: what
+        was measured in images that were given.
     """
 
     experiment: Experiment
@@ -56,6 +58,7 @@ class Outcome:
     handover: Handover | None
     content: Mapping[str, Any]
     images: ImageRun | None = None
+    measured_in: tuple[EntryImages, ...] = ()
 
 
 def write_identification(
@@ -76,7 +79,8 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     rng = np.random.default_rng(experiment.seed)
     planned = None if data else plan_of(experiment, progress)
     progress("reading the measurements" if config.reads_files(experiment.file) or data else "simulating")
-    found = measurements(experiment.file, experiment.document, experiment.model, rng, data=data, planned=planned)
+    own = (experiment.file, experiment.document, experiment.model)
+    found = measurements(*own, rng, data=data, planned=planned, progress=progress)
     measured, exact = found.data, found.exact
     progress("identifying")
     calibration = calibrate(experiment.model, baseline_model(experiment.model), measured, experiment.options)
@@ -114,7 +118,11 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     content["instruments"] = instruments
     content["controller"] = correction_facts(calibration.robot)
     content["compensation"] = None if handover is None else handover_facts(handover)
-    return Outcome(experiment, measured, planned, found.inputs, calibration, errors, handover, content)
+    if found.images:
+        content["measured_images"] = {entry.name: entry.facts for entry in found.images}
+    return Outcome(
+        experiment, measured, planned, found.inputs, calibration, errors, handover, content, measured_in=found.images
+    )
 
 
 def _spelling(file: ExperimentFile) -> list[str]:
@@ -168,9 +176,14 @@ def describe_data(experiment: Experiment) -> tuple[str, ...]:
         return ()
     for source in given:
         try:
-            config.existing(experiment.document, source.file, ("data", "file"), "file of measurements")
+            if isinstance(source, ImagesData):
+                config.existing(experiment.document, source.joints, ("data", "joints"), "file of joint readings")
+            else:
+                config.existing(experiment.document, source.file, ("data", "file"), "file of measurements")
         except InputError as error:
             return (str(error),)
+    if any(isinstance(source, ImagesData) for source in given):
+        return ("images are measured when the experiment is run",)
     rng = np.random.default_rng(experiment.seed)
     measured = measurements(experiment.file, experiment.document, experiment.model, rng).data
     counts = [f"{measured.split.count(s)} {s}" for s in ("train", "test", "unused") if s in measured.split]
@@ -235,7 +248,7 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
         outcome = replace(outcome, content=with_code(outcome.content, calibration.robot, folder, experiment.seed))
     write_json(folder / "results.json", outcome.content)
     save_robot(_with_provenance(outcome), folder / "calibrated.yaml")
-    _save_measurements(outcome.data, experiment.robot, folder)
+    _save_measurements(outcome, folder)
     if outcome.planned is not None:
         motion = outcome.planned.motion if outcome.planned.timed else None
         write_plan(folder / "plan.csv", experiment.robot, outcome.planned.plan.poses, motion)
@@ -248,7 +261,7 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
         write_images(outcome.images, folder)
     if not (experiment.file.outputs.figures or experiment.file.outputs.report):
         return outcome
-    from symcal.images.figures import image_figures
+    from symcal.images.figures import example_images, image_figures
     from symcal.plots import identification_figures
     from symcal.plots.handover import handover_figures
     from symcal.plots.save import save_figures
@@ -260,6 +273,9 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
         illustrations += handover_figures(outcome.handover)
     if outcome.images is not None:
         illustrations += image_figures(outcome.images)
+    examples = [example for entry in outcome.measured_in for example in entry.examples]
+    if examples:
+        illustrations += (example_images(examples),)
     pictures = save_figures(illustrations, folder / "figures")
     if experiment.file.outputs.report:
         progress("writing the report")
@@ -267,14 +283,17 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
     return outcome
 
 
-def _save_measurements(data: Dataset, robot: Robot, folder: Path) -> None:
-    """One file, or one for each instrument in a folder."""
+def _save_measurements(outcome: Outcome, folder: Path) -> None:
+    """One file, or one for each instrument in a folder; of images with what was not measured in the file's head."""
+    data, robot = outcome.data, outcome.experiment.robot
+    heads = {entry.data.only.name: measured_head(entry.measured) for entry in outcome.measured_in}
     if len(data.of) == 1:
-        save_measurements(data, robot, folder / "measurements.csv")
+        save_measurements(data, robot, folder / "measurements.csv", heads.get(data.only.name, ()))
         return
     (folder / "measurements").mkdir()
     for each in data.of:
-        save_measurements(data.read_by(each.name), robot, folder / "measurements" / f"{each.name}.csv")
+        file = folder / "measurements" / f"{each.name}.csv"
+        save_measurements(data.read_by(each.name), robot, file, heads.get(each.name, ()))
 
 
 def _with_provenance(outcome: Outcome) -> Robot:
@@ -291,7 +310,7 @@ def _with_provenance(outcome: Outcome) -> Robot:
             "where": dict(own.where),
         }
         for name, own in config.sources(outcome.experiment.file).items()
-        if own is not None
+        if isinstance(own, FileData)
     }
     if layouts:  # so that new files of the same layout can be read for validation
         facts["layout"] = layouts

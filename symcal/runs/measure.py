@@ -12,6 +12,7 @@ from symcal.config.scene import read_scene
 from symcal.data.saved_measurements import save_measurements
 from symcal.errors import InputError
 from symcal.images.boards import MeasuredBoards, measure_boards
+from symcal.images.entries import measured_head
 from symcal.images.measure import MeasuredImages, measure_images
 from symcal.images.shots import read_shots
 from symcal.robot.robot import load_robot
@@ -61,10 +62,5 @@ def measure_files(
             progress=progress,
         )
     found = replace(found, failures=(*found.failures, *shots.left))
-    save_measurements(found.data, arm, out)
-    head = [f"# not measured: {name}: {reason}" for name, reason in found.failures]
-    head += [f"# note: {note}" for note in found.notes]
-    if head:
-        lines = [" ".join(line.split()) for line in head]
-        out.write_text("\n".join([*lines, out.read_text(encoding="utf-8")]), encoding="utf-8")
+    save_measurements(found.data, arm, out, measured_head(found))
     return found

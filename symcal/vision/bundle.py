@@ -72,7 +72,7 @@ def adjust(
             new_cost = _cost(new, pixels)
         if new_cost > cost:
             return state
-        settled = cost - new_cost <= 1e-12 * cost
+        settled = cost - new_cost <= 1e-15 * cost
         state, cost = new, new_cost
         if settled:
             return state

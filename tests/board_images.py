@@ -24,7 +24,7 @@ LOOK = Look(noise=0.006)
 
 ARM = replace(
     NAMELESS,
-    links=tuple(replace(link, joint=replace(link.joint, name=f"j{i}")) for i, link in enumerate(NAMELESS.links, start=1)),
+    links=tuple(replace(link, joint=replace(link.joint, name=f"j{i}")) for i, link in enumerate(NAMELESS.links)),
 )
 
 MIDDLE = np.array([0.3, -1.6, 1.9, -1.9, -1.6, 0.2])

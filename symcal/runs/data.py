@@ -11,12 +11,13 @@ import numpy as np
 from symcal.calibration.compensation_check import true_robot
 from symcal.calibration.simulate import concatenate, simulate
 from symcal.config import conversion as config
-from symcal.config.conversion import ExperimentFile, FileData, ImagesData, SimulatedData
+from symcal.config.conversion import ExperimentFile, FileData, ImagesData, RenderedData, SimulatedData
 from symcal.data.dataset import Dataset, merged, with_random_test
 from symcal.data.measurement_file import load_measurements
 from symcal.documents.document import Document, Key
 from symcal.errors import InputError, RefusedError
 from symcal.images.entries import EntryImages, measure_entry
+from symcal.images.rendered_boards import RenderedBoards, render_boards
 from symcal.images.shots import read_shots
 from symcal.instruments.noise import Noise
 from symcal.model.model import Model
@@ -33,6 +34,7 @@ class MeasuredData:
     """The measurements of a run, and the files read.
 
     Of simulated ones also the true robot, and the test poses, if any, without noise. images: what was measured in them.
+    rendered: of rendered ones their truth, and the model with the camera as it was calibrated.
     """
 
     data: Dataset
@@ -40,6 +42,7 @@ class MeasuredData:
     truth: Robot | None = None
     exact: Dataset | None = None
     images: tuple[EntryImages, ...] = ()
+    rendered: RenderedBoards | None = None
 
 
 def measurements(
@@ -62,6 +65,11 @@ def measurements(
     source = file.data
     if isinstance(source, SimulatedData) and data is None:
         return _simulated(file, source, document, model, rng, planned)
+    if isinstance(source, RenderedData) and data is None:
+        poses = None if planned is None else planned.plan.poses
+        drawn = render_boards(file, source, document, model, rng, progress, poses)
+        entries = (drawn.entry,)
+        return MeasuredData(drawn.entry.data, drawn.inputs, drawn.truth, drawn.exact, entries, drawn)
     given = config.sources(file)
     if data is not None:
         if len(given) > 1:

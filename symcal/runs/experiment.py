@@ -23,6 +23,7 @@ from symcal.documents.document import write_document
 from symcal.errors import InputError, RefusedError
 from symcal.export.results import correction_facts, handover_facts
 from symcal.images.entries import EntryImages, measured_head
+from symcal.images.facts import camera_facts, point_facts
 from symcal.images.files import write_images
 from symcal.images.run import AGAINST, ERROR, ImageRun, run_images
 from symcal.planning.drive_plan import Planned, find_plan, plan_generator
@@ -81,6 +82,8 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     progress("reading the measurements" if config.reads_files(experiment.file) or data else "simulating")
     own = (experiment.file, experiment.document, experiment.model)
     found = measurements(*own, rng, data=data, planned=planned, progress=progress)
+    if found.rendered is not None:
+        experiment = replace(experiment, model=found.rendered.model)
     measured, exact = found.data, found.exact
     progress("identifying")
     calibration = calibrate(experiment.model, baseline_model(experiment.model), measured, experiment.options)
@@ -120,6 +123,9 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     content["compensation"] = None if handover is None else handover_facts(handover)
     if found.images:
         content["measured_images"] = {entry.name: entry.facts for entry in found.images}
+    if found.rendered is not None:
+        content["camera"] = camera_facts(found.rendered.calibration, found.rendered.lens)
+        content["measured_images"][found.images[0].name] |= point_facts(found.rendered.error_px)
     return Outcome(
         experiment, measured, planned, found.inputs, calibration, errors, handover, content, measured_in=found.images
     )
@@ -193,7 +199,7 @@ def describe_data(experiment: Experiment) -> tuple[str, ...]:
 def plan_of(experiment: Experiment, progress: Progress) -> Planned | None:
     """The plan that simulated data are taken at; None where the file names no method, or they are not simulated."""
     wanted = experiment.file.plan
-    if not isinstance(experiment.file.data, SimulatedData) or wanted.method is None:
+    if not isinstance(experiment.file.data, SimulatedData | RenderedData) or wanted.method is None:
         return None
     progress("planning")
     rng = plan_generator(experiment.seed)

@@ -25,6 +25,7 @@ from symcal.export.results import correction_facts, handover_facts
 from symcal.images.entries import EntryImages, measured_head
 from symcal.images.facts import camera_facts, point_facts
 from symcal.images.files import write_images
+from symcal.images.rendered_boards import RenderedBoards
 from symcal.images.run import AGAINST, ERROR, ImageRun, run_images
 from symcal.planning.drive_plan import Planned, find_plan, plan_generator
 from symcal.planning.forecast_check import forecast_check
@@ -47,7 +48,7 @@ class Outcome:
 
     planned: the plan behind simulated data, if they have one. handover: what compensation achieves, where the truth is
         known. images: of a simulated measurement with a camera; its errors are against the truth. measured_in: what
-        was measured in images that were given.
+        was measured in images that were given, or rendered of a board: the truth of these is in rendered.
     """
 
     experiment: Experiment
@@ -60,6 +61,7 @@ class Outcome:
     content: Mapping[str, Any]
     images: ImageRun | None = None
     measured_in: tuple[EntryImages, ...] = ()
+    rendered: RenderedBoards | None = None
 
 
 def write_identification(
@@ -127,7 +129,16 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
         content["camera"] = camera_facts(found.rendered.calibration, found.rendered.lens)
         content["measured_images"][found.images[0].name] |= point_facts(found.rendered.error_px)
     return Outcome(
-        experiment, measured, planned, found.inputs, calibration, errors, handover, content, measured_in=found.images
+        experiment,
+        measured,
+        planned,
+        found.inputs,
+        calibration,
+        errors,
+        handover,
+        content,
+        measured_in=found.images,
+        rendered=found.rendered,
     )
 
 
@@ -263,8 +274,10 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
     (folder / "tables").mkdir()
     for name, table in tables(outcome.content, calibration, outcome.data, outcome.errors).items():
         table.to_csv(folder / "tables" / f"{name}.csv", index=False)
-    if outcome.images is not None:
-        write_images(outcome.images, folder)
+    if outcome.images is not None and outcome.images.images is not None:
+        write_images(outcome.images.images.camera, outcome.images.images.examples, folder)
+    if outcome.rendered is not None:
+        write_images(outcome.rendered.calibration, outcome.rendered.entry.examples, folder)
     if not (experiment.file.outputs.figures or experiment.file.outputs.report):
         return outcome
     from symcal.images.figures import example_images, image_figures

@@ -57,6 +57,13 @@ def plural(count: int, word: str) -> str:
     return f"{count} {word}{'' if count == 1 else 's'}"
 
 
+def in_short(names: Sequence[str], most: int = 8) -> str:
+    """Names with commas; of many their number, and the first and last of them."""
+    if len(names) <= most:
+        return ", ".join(names)
+    return f"{len(names)} points ({names[0]} to {names[-1]})"
+
+
 def listed(words: Sequence[str]) -> str:
     """`a`, `a and b`, `a, b and c`."""
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)

@@ -1,6 +1,6 @@
 """Any number of instruments against an independent model in NumPy: rank at the truth, errors against Cramer-Rao.
 
-    python tests/known_truth.py [draws]        long form of test_known_truth.py: 100 draws of each scenario
+    python tests/known_truth.py [draws [scenarios]]        long form of test_known_truth.py: 100 draws of each scenario
 
 The witness knows no screws and no CasADi: homogeneous matrices, and derivatives by complex steps.
 """
@@ -8,8 +8,8 @@ The witness knows no screws and no CasADi: homogeneous matrices, and derivatives
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
@@ -20,6 +20,8 @@ from scipy.spatial.transform import Rotation
 
 from symcal.calibration.identify import calibrate
 from symcal.calibration.simulate import simulate
+from symcal.camera.board import parse_board
+from symcal.camera.camera import INTRINSIC_NAMES, Camera
 from symcal.fit.estimation import Options
 from symcal.instruments import Instrument, kind_named
 from symcal.instruments.noise import Noise
@@ -28,7 +30,7 @@ from symcal.model.model import Model, build_model, nominal_setup
 from symcal.model.observation import Observation, Place, Target
 from symcal.model.task import Task
 from symcal.placing.placement import stated
-from symcal.spatial import transform
+from symcal.spatial import look_at, transform
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -46,11 +48,16 @@ def kind(name: str, **settings: object) -> Instrument:
 
 @dataclass(frozen=True)
 class Scenario:
-    """What is measured, and where everything truly stands; noise by observation and quantity."""
+    """What is measured, and where everything truly stands; noise by observation and quantity.
+
+    priors: of the cameras' numbers, by parameter. seen: whether postures are those at which a camera sees its board.
+    """
 
     task: Task
     setup: Setup
     noise: Mapping[str, Mapping[str, float]]
+    priors: Mapping[str, float] = field(default_factory=dict)
+    seen: bool = False
 
 
 def frame(rng: np.random.Generator, size: float, turn: float = np.pi) -> Array:
@@ -131,9 +138,71 @@ def directions_only(rng: np.random.Generator) -> Scenario:
     return Scenario(Task((seen,), base=True, tool=True), setup, {"directions": {"direction": 1e-4}})
 
 
+LENS = (5.0, 5.0, 5.0, 5.0, 0.01, 0.01, 0.001, 0.001, 0.01)  # standard deviations of a calibration
+NUMBERS = np.array([620.0, 622.0, 639.5, 511.5, -0.06, 0.02, 0.0005, -0.0004, 0.0])
+
+
+def lens(rng: np.random.Generator) -> tuple[Camera, Array]:
+    """A wide lens as its calibration has it, and the numbers that it truly has."""
+    numbers = NUMBERS * rng.uniform(0.98, 1.02)
+    camera = Camera(1280, 1024, *numbers[:4].tolist(), tuple(numbers[4:].tolist()), np.diag(np.square(LENS)))
+    return camera, numbers + np.array(LENS) * rng.normal(size=9)
+
+
+def _numbers(name: str, true: Array) -> dict[str, float]:
+    return {f"{name}_{n}": float(v) for n, v in zip(INTRINSIC_NAMES, true, strict=True)}
+
+
+def _priors(*names: str) -> dict[str, float]:
+    return {f"{name}_{n}": s for name in names for n, s in zip(INTRINSIC_NAMES, LENS, strict=True)}
+
+
+def eye_in_hand_board(rng: np.random.Generator) -> Scenario:
+    board = Target("board", unknown("world"), board=parse_board("charuco:8x6:60mm:44mm:DICT_4X4_100"))
+    camera, true = lens(rng)
+    eye = Observation(kind("pixels", camera=camera), "eye", at=unknown("flange"), target=board)
+    lying = transform(np.diag([1.0, -1.0, -1.0]), np.array([300.0, 250.0, -300.0]))  # its printed side up
+    places = {"eye": frame(rng, 60.0, 0.6), "board": near(lying, rng, 60.0, 0.2)}
+    setup = Setup(np.eye(4), np.eye(4), places=places, own=_numbers("eye", true))
+    return Scenario(Task((eye,)), setup, {"eye": {"image": 0.1}}, _priors("eye"), seen=True)
+
+
+def two_cameras_board(rng: np.random.Generator) -> Scenario:
+    board = Target("board", unknown("flange"), board=parse_board("charuco:6x5:40mm:30mm:DICT_4X4_100"))
+    first, true_first = lens(rng)
+    second, true_second = lens(rng)
+    cameras = (
+        Observation(kind("pixels", camera=first), "left", at=Place("world", np.eye(4)), target=board),
+        Observation(kind("pixels", camera=second), "right", at=unknown("world"), target=board),
+    )
+    left, right = (look_at(np.array([1300.0, y, 500.0]), np.array([0.0, 0.0, 400.0])) for y in (-600.0, 600.0))
+    outward = transform(np.diag([1.0, -1.0, -1.0]), np.array([-100.0, 80.0, 20.0]))  # printed side out
+    base = near(np.linalg.inv(left), rng, 60.0, 0.1)
+    places = {  # in the order of the observations, as a setup's vector has it
+        "left": np.eye(4),
+        "board": near(outward, rng, 15.0, 0.2),
+        "right": np.asarray(base @ near(right, rng, 60.0, 0.1)),
+    }
+    own = _numbers("left", true_first) | _numbers("right", true_second)
+    noise = {"left": {"image": 0.1}, "right": {"image": 0.2}}
+    priors = _priors("left", "right")
+    setup = Setup(base, np.eye(4), places=places, own=own)
+    return Scenario(Task(cameras, base=True), setup, noise, priors, seen=True)
+
+
 SCENARIOS: dict[str, Callable[[np.random.Generator], Scenario]] = {
     f.__name__: f
-    for f in (three_wires, two_dial_gauges, tracker_and_wire, two_trackers, two_sessions, eye_in_hand, directions_only)
+    for f in (
+        three_wires,
+        two_dial_gauges,
+        tracker_and_wire,
+        two_trackers,
+        two_sessions,
+        eye_in_hand,
+        directions_only,
+        eye_in_hand_board,
+        two_cameras_board,
+    )
 }
 
 
@@ -197,7 +266,8 @@ class Witness:
         are from exact ones, where those are given."""
         task, setup = self.scenario.task, self.scenario.setup
         stations, out, known = self.stations(q, e), [], iter(exact or [])
-        order = list(dict.fromkeys(o.target.qualified(p) for o in task.observations for p in o.target.points))
+        loose = [o.target for o in task.observations if o.target.board is None]
+        order = list(dict.fromkeys(target.qualified(p) for target in loose for p in target.points))
         for o in task.observations:
             t = np.linalg.inv(self.place(stations, o.place, o.at, e)) @ self.place(
                 stations, o.target.name, o.target.at, e
@@ -207,9 +277,9 @@ class Witness:
                 if o.instrument.reads == "points":
                     called = o.target.qualified(feature)
                     shift = [e.get(f"{called}_{axis}", 0.0) for axis in "xyz"]
-                    out.append(
-                        self.of_point((t @ np.append(setup.points[order.index(called)] + shift, 1.0))[:, :3], o, e)
-                    )
+                    board = o.target.board
+                    at = setup.points[order.index(called)] if board is None else board.points[int(feature)]
+                    out.append(self.of_point((t @ np.append(at + shift, 1.0))[:, :3], o, e))
                 elif o.instrument.reads == "frame":
                     out.append(t if before is None else from_frame(t, before))
                 else:
@@ -222,7 +292,28 @@ class Witness:
         if o.instrument.name == "distance":
             offset = self.scenario.setup.own[f"{o.name}_offset"] + e.get(f"{o.name}_offset", 0.0)
             return np.sqrt(np.sum(p * p, axis=1, keepdims=True)) + offset
+        if o.instrument.name == "pixels":
+            own = [self.scenario.setup.own[f"{o.name}_{n}"] + e.get(f"{o.name}_{n}", 0.0) for n in INTRINSIC_NAMES]
+            return image(p, own)
         return p[:, 2:] if o.instrument.name == "component" else p
+
+    def views(self, q: Array) -> NDArray[np.bool_]:
+        """Whether a camera sees enough of its board: in the image, in front of it and from its printed side."""
+        seen = np.zeros(len(q), dtype=bool)
+        clear = np.ones(len(q), dtype=bool)
+        stations = self.stations(q, {})
+        for o in self.scenario.task.observations:
+            t = np.linalg.inv(self.place(stations, o.place, o.at, {})) @ self.place(
+                stations, o.target.name, o.target.at, {}
+            )
+            p = (t.real @ np.c_[o.target.nominal, np.ones(len(o.target.points))].T).swapaxes(1, 2)[:, :, :3]
+            own = [self.scenario.setup.own[f"{o.name}_{n}"] for n in INTRINSIC_NAMES]
+            uv = image(p.reshape(-1, 3), own).real.reshape(*p.shape[:2], 2)
+            inside = ((uv > 0) & (uv < [1279, 1023])).all(axis=2) & (p[:, :, 2] > 100)
+            facing = np.einsum("ni,nki->nk", t[:, :3, 2].real, p) > 0.3 * np.linalg.norm(p, axis=2)
+            seen |= (inside & facing).sum(axis=1) >= o.target.needed
+            clear &= (np.abs(p[:, :, 2]) > 50).all(axis=1)  # none of its corners near the plane of the lens
+        return seen & clear
 
     def jacobian(self, q: Array, names: tuple[str, ...], errors: Mapping[str, float]) -> Array:
         """By complex steps, shape (N, m, n)."""
@@ -233,6 +324,17 @@ class Witness:
             e[name] = e.get(name, 0.0) + 1j * _STEP
             columns.append(np.hstack([v.imag for v in self.residual(q, e, exact)]) / _STEP)
         return np.stack(columns, axis=2)
+
+
+def image(p: Complex, own: Sequence[complex]) -> Complex:
+    """Image points of p in a camera's frame, shape (N, 3) -> (N, 2); [Brown1966] as OpenCV writes it."""
+    fx, fy, cx, cy, k1, k2, p1, p2, k3 = own
+    x, y = p[:, 0] / p[:, 2], p[:, 1] / p[:, 2]
+    r2 = x**2 + y**2
+    radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
+    xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2)
+    yd = y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y
+    return np.stack([fx * xd + cx, fy * yd + cy], axis=1)
 
 
 def from_frame(t: Complex, exact: Complex) -> Complex:
@@ -262,8 +364,14 @@ def told(name: str, scenario: Scenario) -> Model:
     return replace(_built(name), setup=nominal_setup(ARM, scenario.task))
 
 
-def postures(rng: np.random.Generator) -> Array:
-    return rng.uniform(-2.2, 2.2, (POSES, ARM.dof))
+def postures(scenario: Scenario, rng: np.random.Generator) -> Array:
+    if not scenario.seen:
+        return rng.uniform(-2.2, 2.2, (POSES, ARM.dof))
+    found = np.zeros((0, ARM.dof))
+    while len(found) < POSES:
+        tried = rng.uniform(-2.2, 2.2, (2000, ARM.dof))
+        found = np.vstack([found, tried[Witness(scenario).views(tried)]])
+    return found[:POSES]
 
 
 def sessions(model: Model, z: Array) -> Array:
@@ -284,7 +392,7 @@ def slopes(name: str, seed: int) -> tuple[Array, Array]:
     rng = np.random.default_rng(seed)
     scenario = SCENARIOS[name](rng)
     model = told(name, scenario)
-    q, p = postures(rng), model.parameters
+    q, p = postures(scenario, rng), model.parameters
     errors = {n: float(rng.normal() * s) for n, s in zip(p.names, p.scales, strict=True) if n in ARM.parameters}
     (ours,) = model.jacobian(q, p.vector(errors), scenario.setup.vector)
     weights = model.measurement.per_unit({"mm": 1.0, "rad": 200.0, "px": 1.0})[None, :, None] * p.scales
@@ -328,7 +436,7 @@ def draw(name: str, seed: int) -> Draw:
     p = model.parameters
     errors = {n: float(rng.normal() * s) for n, s in zip(p.names, p.scales, strict=True) if n in ARM.parameters}
     true = replace(model, setup=scenario.setup)
-    data = simulate(true, errors, postures(rng), Noise(by_instrument=scenario.noise), rng)
+    data = simulate(true, errors, postures(scenario, rng), Noise(by_instrument=scenario.noise), rng)
     data = replace(data, z=sessions(model, data.z))
     noise = {g.name: scenario.noise[g.observation][g.quantity] for g in model.measurement.groups}
     found = calibrate(model, None, data, Options(sigma=noise, scales="stated")).after
@@ -345,7 +453,8 @@ def draw(name: str, seed: int) -> Draw:
     w = (jacobian / sigma[None, :, None])[rows] * p.scales
     _, s, vt = np.linalg.svd(w, full_matrices=False)
     seen = vt[s > 1].T
-    prior = np.array([1.0 if n in ARM.parameters else 1e-3 for n in p.names])
+    told_size = np.array([1.0 if n in ARM.parameters else 1e-3 for n in p.names])
+    prior = [s / scenario.priors.get(n, s / t) for n, s, t in zip(p.names, p.scales, told_size, strict=True)]
     root = np.linalg.inv(np.linalg.qr(np.vstack([w, np.diag(prior)]), mode="r"))
     error = seen.T @ ((found.x - truth) / p.scales)
     covariance = seen.T @ root @ root.T @ seen
@@ -388,6 +497,6 @@ def said(name: str, draws: int) -> str:
 
 
 if __name__ == "__main__":
-    for scenario_name in SCENARIOS:
+    for scenario_name in sys.argv[2:] or SCENARIOS:
         sys.stdout.write(said(scenario_name, int(sys.argv[1]) if len(sys.argv) > 1 else 100) + "\n")
         sys.stdout.flush()

@@ -62,7 +62,7 @@ def planar_poses(camera: Camera, points: Float, pixels: Float, normal: Float) ->
 
 def _thinned(points: Float, pixels: Float) -> tuple[Float, Float, Bool]:
     """At most so many points of every view: where they are, (N, m, 3), their images, (N, m, 2), and which were seen."""
-    seen = np.isfinite(pixels).all(axis=2)
+    seen: Bool = np.asarray(np.isfinite(pixels).all(axis=2))
     kept = np.zeros((len(pixels), min(_MOST, len(points))), dtype=np.intp)
     mask = np.zeros(kept.shape, dtype=np.bool_)
     for i, own in enumerate(seen):

@@ -197,6 +197,9 @@ class TargetConfig(PlaceConfig):
     """What is read: points and axes by name in a frame of its own, or that frame.
 
     file: a target.yaml with discs, for cameras. board: a printed board, as `charuco:12x9:30mm:22mm:DICT_4X4_100`.
+    incidence: of these, largest angle between the normal and the ray to the camera; 60 degrees for discs and 75 for
+    boards by default. seen: how many points a view must show for any of them to count, or `whole`; by default a quarter
+    of a board whose corners have marks of their own, and the whole of any other.
     """
 
     on: str = "tool"
@@ -204,6 +207,8 @@ class TargetConfig(PlaceConfig):
     axes: dict[Name, Triple] = {}
     file: str | None = None
     board: str | None = None
+    incidence: Positive | None = None
+    seen: Literal["whole"] | Annotated[int, Field(ge=4)] | None = None
 
     @property
     def to_be_found(self) -> bool:
@@ -215,6 +220,9 @@ class TargetConfig(PlaceConfig):
             raise PydanticCustomError("target", "give the points in 'file' or here, not both")
         if self.board is not None and (self.file is not None or self.points):
             raise PydanticCustomError("target", "a board has its own points: leave 'points' and 'file' out")
+        for key in ("incidence", "seen"):
+            if getattr(self, key) is not None and self.board is None and self.file is None:
+                raise PydanticCustomError("target", "'{key}' belongs to a 'board' or a 'file' with discs", {"key": key})
         for name, axis in self.axes.items():
             if not any(axis):
                 raise PydanticCustomError("target", "the axis '{name}' cannot be the zero vector", {"name": name})

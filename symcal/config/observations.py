@@ -242,7 +242,14 @@ def _target(
         points = {"P": (0.0, 0.0, 0.0)}  # the origin of the place itself
     if instrument.reads == "axes" and not axes and not points:
         axes = {"z": (0.0, 0.0, 1.0)}
-    return Target(called, place, points, axes, marks, near=near, board=board)
+    incidence = None if config.incidence is None else config.incidence * file.units.factor("rad")
+    made = Target(called, place, points, axes, marks, near=near, board=board, incidence=incidence)
+    if config.seen is None:
+        return made
+    if config.seen != "whole" and config.seen > len(made.points):
+        message = f"the target has {len(made.points)} points"
+        raise document.error(message, (*key, "seen"), found=config.seen)
+    return replace(made, least=len(made.points) if config.seen == "whole" else config.seen)
 
 
 def _board(text: str, document: Document, key: Key) -> Board:

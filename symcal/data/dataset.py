@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from symcal.errors import InputError
 from symcal.instruments import Instrument, kind_named
+from symcal.words import in_short
 
 Array = NDArray[np.float64]
 
@@ -44,7 +45,7 @@ class Readings:
 
     def said(self) -> str:
         """In words, such as 'position of A, B'."""
-        return f"{self.kind} of {', '.join(self.features)}" if self.features else self.kind
+        return f"{self.kind} of {in_short(self.features)}" if self.features else self.kind
 
 
 def readings(kind: str, features: Sequence[str] = ()) -> tuple[Readings, ...]:

@@ -107,7 +107,7 @@ class Target:
         if self.least is not None:
             return min(self.least, len(self.points))
         if self.board is None:
-            return 1
+            return 1  # discs are found one by one
         coded = self.board.kind not in _UNCODED
         return max(_FEWEST_CORNERS, round(_SHARE * len(self.points))) if coded else len(self.points)
 

@@ -12,6 +12,7 @@ from symcal.model.stages import Stages
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+_CHUNK = 512  # poses at once: their points stay in the processor's cache
 Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
 """Pose and point of everything that was seen."""
 
@@ -37,6 +38,10 @@ class Twists:
         return out
 
     def compressed(self, spread: Array, index: NDArray[np.intp]) -> Array:
+        """See `packed`: the rows of all poses one after the other, shape (N h, n' + 1)."""
+        return self.packed(spread, index).reshape(-1, len(index) + 1)
+
+    def packed(self, spread: Array, index: NDArray[np.intp]) -> Array:
         """Whitened [J, r] of some parameters with the same triangle: at most 6 + k + 1 rows for each pose.
 
         With the rows of a pose divided by their spread, [J_twist J_own r] = Q R, the rows are R with its first six
@@ -46,7 +51,7 @@ class Twists:
             spread: standard deviation of every component, shape (N, m), infinite where it does not count.
             index: the n' parameters.
         Returns:
-            shape (N h, n' + 1).
+            shape (N, h, n' + 1).
         """
         places = {int(column): i for i, column in enumerate(index)}
         weight = (np.isfinite(spread) / np.where(np.isfinite(spread), spread, 1.0))[:, :, None]
@@ -54,14 +59,15 @@ class Twists:
         np.multiply(self.by_twist, weight, out=stacked[:, :, :6])
         np.multiply(self.by_own, weight, out=stacked[:, :, 6:-1])
         np.multiply(self.r[:, :, None], weight, out=stacked[:, :, -1:])
-        triangle = np.linalg.qr(stacked, mode="r")
+        triangle: Array = np.asarray(np.linalg.qr(stacked, mode="r"))
+        triangle *= np.where(np.einsum("nii->ni", triangle[:, :, : triangle.shape[1]]) < 0, -1.0, 1.0)[:, :, None]
         out = np.empty((*triangle.shape[:2], len(index) + 1))
         np.matmul(triangle[:, :, :6], np.ascontiguousarray(self.screws[:, :, index]), out=out[:, :, :-1])
         out[:, :, -1] = triangle[:, :, -1]
         for i, column in enumerate(self.columns.tolist()):
             if column in places:
                 out[:, :, places[column]] += triangle[:, :, 6 + i]
-        return out.reshape(-1, len(index) + 1)
+        return out
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +130,9 @@ class StagedKernel:
         return np.asarray(found.reshape(len(q), -1))
 
     def _each(self, function: BatchFunction, q: Array, x: Array, setup: Array) -> Array:
+        if len(q) > _CHUNK and x.ndim == 1:
+            parts = np.array_split(q, -(-len(q) // _CHUNK))
+            return np.concatenate([self._each(function, part, x, setup) for part in parts])
         place, _, own, _ = self._posed(q, x, setup)
         at = self._pairs(len(q), None)
         (found,) = function(*self._at(place, at), self._own(own, x, at))
@@ -145,6 +154,8 @@ class StagedKernel:
         return pose, point
 
     def _at(self, place: Array, at: Pairs) -> tuple[Array, Array]:
+        if len(at[0]) == len(place) * len(self.points):  # everything: the same, faster
+            return np.repeat(place, len(self.points), axis=0), np.tile(self.points, (len(place), 1))
         return place[at[0]], self.points[at[1]]
 
     def _readings(self, z: Array, at: Pairs) -> Array:

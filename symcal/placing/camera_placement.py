@@ -1,10 +1,10 @@
 """First values of the camera's pose and of the target's mount, found from image points with the nominal robot.
 
 Every pose gives up to four poses of three discs in the camera ([Ding2017] eq. 5, `symcal.camera.p3p`), or two of a flat
-board (`symcal.camera.planar_pose`), of which one is true. With measured_i = B flange_i X, B = T_camera_base and X = T_flange_target, three poses with one choice each give
-B and X in closed form (`registration.hand_eye`); the right choice is the one that the image points of all poses
-agree with. Where it is not known either which disc is which, every labelling is a choice more. The consensus search is
-ours.
+board (`symcal.camera.planar_pose`), of which one is true. With measured_i = B flange_i X, B = T_camera_base and X =
+T_flange_target, three poses with one choice each give B and X in closed form (`registration.hand_eye`); the right
+choice is the one that the image points of all poses agree with. Where it is not known either which disc is which, every
+labelling is a choice more. The consensus search is ours.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def target_poses(camera: Camera, target: Target | Board, pixels: Array) -> list[
 
 def _likely(poses: Array, error: Array) -> Array:
     """Poses that the image points do not refute, each once."""
-    kept = poses[np.isfinite(error) & (error <= 3 * error.min() + 0.5)]
+    kept: Array = poses[np.isfinite(error) & (error <= 3 * error.min() + 0.5)]
     twice = len(kept) == 2 and np.allclose(kept[0], kept[1], rtol=0, atol=_SAME)
     return kept[:1] if twice else kept
 

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,7 +24,8 @@ from symcal.fit.identifiability import Identifiability, analyse
 from symcal.fit.whitened import beforehand
 from symcal.model.measurement import Measurement, Setup
 from symcal.planning.area import Feasible, WorkingArea, working_area
-from symcal.planning.subspace_rows import SubspaceRows, subspace_rows
+from symcal.planning.staged_rows import StagedRows, measured_rows
+from symcal.planning.subspace_rows import SubspaceRows
 
 Array = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ class PoseInformation:
     seen: Identifiability
     prior: Array
     sizes: Array
-    function: SubspaceRows
+    function: SubspaceRows | StagedRows
 
     @property
     def basis(self) -> Array:
@@ -66,8 +66,8 @@ class PoseInformation:
 
     @property
     def components(self) -> int:
-        """m, the residual components of one pose."""
-        return self.measurement.rows
+        """m, the rows of one pose: its residual components, or fewer with the same information."""
+        return self.function.components
 
     def rows(self, poses: Array) -> Array:
         """F at each pose, shape (N, m, n); poses (N, dof) in rad or mm."""
@@ -129,17 +129,13 @@ def pose_information(
     names = parameters.names if free is None else free
     index = parameters.indices(names)
     scales = parameters.scales[index]
-    whitening = 1.0 / measurement.per_component(sigmas)
-    q = ca.SX.sym("q", robot.dof)
-    at_nominal = measurement.jacobian(q, np.zeros(len(parameters)), setup.vector)
-    scaled = ca.diag(whitening) @ at_nominal[:, index.tolist()] @ ca.diag(scales)
-    whole = subspace_rows("rows", q, scaled, np.eye(len(names)))
+    whole = measured_rows(measurement, setup, measurement.per_component(sigmas), index, scales)
 
     sampled = whole.full(_typical(area, feasible))
     sampled = sampled[np.isfinite(sampled).all(axis=(1, 2))].reshape(-1, len(names))
     prior = _priors(measurement, names, prior_rows) * scales
     # as much information as ``poses`` average ones have
-    stacked = np.vstack([sampled * np.sqrt(poses * measurement.rows / max(len(sampled), 1)), prior])
+    stacked = np.vstack([sampled * np.sqrt(poses * whole.components / max(len(sampled), 1)), prior])
     full = np.zeros((len(stacked), len(parameters)))
     full[:, index] = stacked / scales
     seen = analyse(full, parameters, names)

@@ -22,7 +22,7 @@ from symcal.planning.camera_view import CameraView, camera_view
 from symcal.planning.clearance import keep_out, plane
 from symcal.planning.constraints import Constraint
 from symcal.planning.skeleton import Skeleton
-from symcal.planning.visibility import visibility
+from symcal.planning.visibility import View, visibility
 from symcal.robot.schema import Frame
 from symcal.robot.schema import RobotUnits as FrameUnits
 from symcal.units import ANGLE, LENGTH
@@ -88,6 +88,16 @@ def separate_camera(
     depth = (0.0, np.inf) if wanted.depth is None else (wanted.depth[0] * length, wanted.depth[1] * length)
     incidence = np.deg2rad(_INCIDENCE) if wanted.incidence is None else wanted.incidence * angle
     return view, visibility(view, margin=wanted.margin_px, depth=depth, incidence=incidence)
+
+
+def asked_view(file: ExperimentFile) -> View:
+    """What is said under `plan.constraints.view`; what is not said there, instruments and targets know."""
+    limits, length, given = file.plan.constraints.view, file.units.factor("mm"), View()
+    return View(
+        limits.margin_px if "margin_px" in limits.model_fields_set else given.margin,
+        given.depth if limits.depth is None else (limits.depth[0] * length, limits.depth[1] * length),
+        None if limits.incidence is None else limits.incidence * file.units.factor("rad"),
+    )
 
 
 def own_camera(

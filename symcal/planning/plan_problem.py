@@ -20,7 +20,7 @@ from symcal.planning.camera_view import CameraView
 from symcal.planning.constraints import Constraint, feasible, insist, joint_limits
 from symcal.planning.information import PoseInformation, pose_information
 from symcal.planning.ordering import joint_speeds
-from symcal.planning.plan_constraints import clearance, own_camera, separate_camera
+from symcal.planning.plan_constraints import asked_view, clearance, own_camera, separate_camera
 from symcal.planning.plan_file import read_plan
 from symcal.planning.region import TaskRegion, area_region, box_region, csv_region
 from symcal.planning.skeleton import Skeleton, skeleton
@@ -89,7 +89,7 @@ def plan_problem(file: ExperimentFile, document: Document, model: Model, rng: np
     elif model.task.scene is not None:
         view, measuring = own_camera(model.task.scene, file, document, model)
     else:
-        measuring = within_limits(model)
+        measuring = within_limits(model, asked_view(file))
     measuring = (*measuring, *moving)
     mask = feasible(measuring) if measuring else None
     required, required_names = _required(file, document, robot, measuring, inputs)

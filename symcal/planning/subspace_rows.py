@@ -32,6 +32,11 @@ class SubspaceRows:
     _rows: BatchFunction
     _pullback: BatchFunction
 
+    @property
+    def components(self) -> int:
+        """Rows of a pose."""
+        return int(self.expression.size1_out(0))
+
     def full(self, poses: Array) -> Array:
         """J at each pose, shape (N, m, p); poses (N, dof) in rad or mm."""
         return np.asarray(self._rows(poses)[0])

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from symcal.camera.camera import project_points
-from symcal.kernels import BatchFunction, batch_function
+from symcal.model.assembled import margins_kernel
+from symcal.model.facing import limits_of
 from symcal.model.model import Model
 from symcal.planning.camera_view import CameraView
 from symcal.planning.constraints import Constraint
 
 Array = NDArray[np.float64]
+
+_FAR = 1e9  # outside, of a point that cannot be projected
+_PART = 512
 
 
 def visibility(
@@ -39,32 +44,103 @@ def visibility(
     )
 
 
-def within_limits(model: Model) -> tuple[Constraint, ...]:
-    """What it takes for every instrument to read all that it is to read at a pose, at nominal."""
+@dataclass(frozen=True, slots=True)
+class View:
+    """What plans ask of cameras beyond what they can read: rad, mm and px.
+
+    margin: from the image's border, px. depth: range along the optical axis, mm. incidence: largest angle between a
+    target's normal and the ray to the camera, rad; that of the target when None.
+    """
+
+    margin: float = 0.0
+    depth: tuple[float, float] = (-math.inf, math.inf)
+    incidence: float | None = None
+
+
+def within_limits(model: Model, view: View | None = None) -> tuple[Constraint, ...]:
+    """What it takes for every instrument to read all that it is to read at a pose, at nominal.
+
+    Of a board that counts in part: to read at least as many of its points as it needs.
+    """
     made = []
     for part in model.measurement.parts:
-        if part.margins is None:
+        kernel, o = margins_kernel(part), part.observation
+        if kernel is None:
             continue
-        kernel, o = batch_function(part.margins), part.observation
-        for i, limit in enumerate(o.instrument.limits):
-            violation = _Limit(kernel, model.setup.vector, np.zeros(len(model.parameters)), len(o.instrument.limits), i)
-            made.append(Constraint(f"{o.target.name} {limit.name} '{o.name}'", limit.unit, violation, limit.scale))
+        asked = view if o.instrument.is_camera else None
+        limits, at = limits_of(o), (model.setup.vector, np.zeros(len(model.parameters)))
+        margins = _Margins(kernel, *at, tuple(limit.unit for limit in limits), o.target.largest_incidence, asked)
+        count = len(o.features)
+        if part.staged is not None and o.target.needed < count:
+            scales = tuple(limit.scale for limit in limits)
+            name = f"at least {o.target.needed} of the {count} points of {o.target.name} seen by '{o.name}'"
+            made.append(Constraint(name, "1", _Share(margins, scales, o.target.needed)))
+            continue
+        for i, limit in enumerate(limits):
+            name = f"{o.target.name} {limit.name} '{o.name}'"
+            made.append(Constraint(name, limit.unit, _Limit(margins, i), limit.scale))
     return tuple(made)
 
 
 @dataclass(frozen=True, slots=True)
-class _Limit:
-    """By how much the worst feature is beyond limit i of so many."""
+class _Margins:
+    """By how much each feature can be read, less what a plan asks for, shape (N, K, limits)."""
 
-    kernel: BatchFunction
+    kernel: Callable[[Array, Array, Array], Array]
     setup: Array
     x: Array
-    limits: int
+    units: tuple[str, ...]
+    incidence: float
+    view: View | None
+
+    def __call__(self, poses: Array) -> Array:
+        margins = self.kernel(poses, self.x, self.setup)
+        margins[np.isnan(margins)] = -_FAR
+        if self.view is None:
+            return margins
+        near, far = self.view.depth
+        for i, unit in enumerate(self.units):
+            own = margins[:, :, i]
+            if unit == "mm":
+                margins[:, :, i] = np.minimum(own - max(near, 0.0), far - own)
+            elif unit == "px":
+                margins[:, :, i] = own - self.view.margin
+            elif self.view.incidence is not None:
+                margins[:, :, i] = own + (self.view.incidence - self.incidence)
+        return margins
+
+
+@dataclass(frozen=True, slots=True)
+class _Limit:
+    """By how much the worst feature is beyond limit i."""
+
+    margins: _Margins
     i: int
 
     def __call__(self, poses: Array) -> Array:
-        (margins,) = self.kernel(poses, self.x, self.setup)
-        return np.asarray(-margins.reshape(len(poses), -1, self.limits)[:, :, self.i].min(axis=1))
+        return _in_parts(lambda part: -self.margins(part)[:, :, self.i].min(axis=1), poses)
+
+
+@dataclass(frozen=True, slots=True)
+class _Share:
+    """By how much the feature that is the last needed is beyond its limits, in units of their scales."""
+
+    margins: _Margins
+    scales: tuple[float, ...]
+    needed: int
+
+    def __call__(self, poses: Array) -> Array:
+        def last(part: Array) -> Array:
+            worst = (self.margins(part) / np.array(self.scales)).min(axis=2)
+            return np.asarray(-np.partition(worst, -self.needed, axis=1)[:, -self.needed])
+
+        return _in_parts(last, poses)
+
+
+def _in_parts(violation: Callable[[Array], Array], poses: Array) -> Array:
+    """A violation of many poses, a few at a time: what is read at all of them would fill the memory."""
+    parts = np.array_split(poses, max(-(-len(poses) // _PART), 1))
+    return np.concatenate([violation(part) for part in parts])
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,9 +15,12 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from symcal.planning.area import Feasible, WorkingArea, draw
+from symcal.planning.staged_rows import StagedRows
 from symcal.planning.subspace_rows import SubspaceRows
 
 Array = NDArray[np.float64]
+PoseRows = SubspaceRows | StagedRows
+"""F(q) of a measurement, or of what is asked."""
 
 STARTS = 16
 """Samples that are polished."""
@@ -54,7 +57,7 @@ def feasible_set(
 
 
 def largest(
-    function: SubspaceRows, weight: Array, where: FeasibleSet, rng: np.random.Generator, *, thorough: bool = False
+    function: PoseRows, weight: Array, where: FeasibleSet, rng: np.random.Generator, *, thorough: bool = False
 ) -> tuple[Array, Array]:
     """Local maxima of tr(F W F^T), best first: values (k,), poses (k, dof); the first is the maximum as far as known.
 
@@ -100,7 +103,7 @@ def _spread(values: Array, unit: Array, count: int, apart: float = 0.1) -> NDArr
     return np.array(chosen, dtype=np.intp)
 
 
-def _polish(function: SubspaceRows, weight: Array, area: WorkingArea, poses: Array, iterations: int) -> Array:
+def _polish(function: PoseRows, weight: Array, area: WorkingArea, poses: Array, iterations: int) -> Array:
     """Climb from each pose, all at once (the sum of their values is maximised), shape (k, dof)."""
     span, shape = area.span, poses.shape
 
@@ -117,7 +120,7 @@ def _polish(function: SubspaceRows, weight: Array, area: WorkingArea, poses: Arr
     return area.clip(area.lower + span * np.asarray(found.x).reshape(shape))
 
 
-def _climb(function: SubspaceRows, weight: Array, where: FeasibleSet, poses: Array, rng: np.random.Generator) -> Array:
+def _climb(function: PoseRows, weight: Array, where: FeasibleSet, poses: Array, rng: np.random.Generator) -> Array:
     """Random ascent among feasible neighbours, the steps shrinking from a tenth of the area to a ten-thousandth."""
     if where.area is None or where.feasible is None or len(poses) == 0:
         return poses

@@ -21,6 +21,7 @@ from symcal.model.task import Task
 from symcal.parameters import coordinate_names
 from symcal.robot.robot import Robot
 from symcal.spatial import transform
+from symcal.words import in_short
 
 Array = NDArray[np.float64]
 
@@ -103,7 +104,7 @@ def stack(model: Model) -> tuple[Added, ...]:
             for rows in (part.components, own)
         ]
         facts = observation_facts(o)
-        features = f" {', '.join(o.features)}" if o.features else ""
+        features = f" {in_short(o.features)}" if o.features else ""
         found.append(
             Added(
                 o.name,
@@ -146,6 +147,11 @@ def _sampled(model: Model) -> tuple[Array, Array]:
     q = rng.uniform(lower, upper, (_SAMPLE, len(lower)))
     setup, x = _somewhere(model, rng)
     (jacobian,) = model.jacobian(q, x, setup.vector)
+    for part in model.measurement.parts:  # points at a camera's very centre would drown all others
+        if part.observation.instrument.is_camera:
+            rows = jacobian[:, part.components]
+            size = np.linalg.norm(rows * model.parameters.scales, axis=2, keepdims=True)
+            jacobian[:, part.components] = rows / np.maximum(size / np.median(size), 1.0)
     # orientations weigh like a point at 200 mm, so that the numerical rank does not depend on units
     return jacobian, model.measurement.per_unit({"mm": 1.0, "rad": 200.0, "px": 1.0})
 

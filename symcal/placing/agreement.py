@@ -209,15 +209,21 @@ def _scale(found: Agreement, flange: Array, own: Index, views: Array, so_far: fl
         return 1.0, np.inf
     measured = _turned(_sized(views, so_far)[there, found.which[there]], found.mount)
     turn, base = flange[at[there], :3, :3], found.base[:3, :3]
-    rows = np.concatenate(
-        [measured[:, :3, 3:], -np.broadcast_to(np.eye(3), turn.shape), -(base @ turn)], axis=2
-    ).reshape(-1, 7)
-    right = (flange[at[there], :3, 3] @ base.T).ravel()
+    blocks = np.concatenate([measured[:, :3, 3:], -np.broadcast_to(np.eye(3), turn.shape), -(base @ turn)], axis=2)
+    moved = flange[at[there], :3, 3] @ base.T
+    kept = np.arange(len(there))
+    for _ in range(_ROUNDS):  # views with foreign readings are among them
+        rows, right = blocks[kept].reshape(-1, 7), moved[kept].ravel()
+        solution = np.linalg.lstsq(rows, right, rcond=1e-8)[0]
+        miss = np.linalg.norm(blocks @ solution - moved, axis=1)
+        again = np.flatnonzero(miss <= _WITHIN * np.median(miss))
+        if np.array_equal(again, kept):
+            break
+        kept = again
     unexplained = right - rows[:, 1:] @ np.linalg.lstsq(rows[:, 1:], right, rcond=1e-8)[0]
-    solution = np.linalg.lstsq(rows, right, rcond=1e-8)[0]
     left = rows @ solution - right
     length, noise = float(np.sqrt(np.mean(unexplained**2))), float(np.sqrt(np.mean(left**2)))
-    if length < _LENGTH or noise > _TOLD * length or not 1 / _ODD < solution[0] < _ODD:
+    if len(kept) < FEWEST or length < _LENGTH or noise > _TOLD * length or not 1 / _ODD < solution[0] < _ODD:
         return 1.0, np.inf
     inverse = np.linalg.pinv(rows.T @ rows, rcond=1e-12)
     sigma = noise * np.sqrt(max(inverse[0, 0], 0.0) * len(right) / max(len(right) - 7, 1))

@@ -95,14 +95,16 @@ def measure_boards(
     if not shots.shots:
         raise RefusedError("none of the images is there and has joint readings: check the names in the joints file")
     with _BLAS.limit(limits=1):  # small matrices: a second thread only costs
-        views, failures = _detected(shots, camera, board, progress)
+        views, failures, notes = _detected(shots, camera, board, progress)
         progress("comparing images and joint readings")
-        return _believed(views, failures, shots, robot, camera, board, mounts)
+        found = _believed(views, failures, shots, robot, camera, board, mounts)
+        return replace(found, notes=(*notes, *found.notes))
 
 
 def _detected(
     shots: Shots, camera: Camera, board: Board, progress: Progress
-) -> tuple[list[_View], list[tuple[str, str]]]:
+) -> tuple[list[_View], list[tuple[str, str]], list[str]]:
+    """Views of the board, (image, reason) of every other image, and what is to be said."""
     views: list[_View] = []
     failures: list[tuple[str, str]] = []
     others: list[str | None] = []
@@ -135,7 +137,8 @@ def _detected(
         )
     if not views:
         raise RefusedError(f"no image could be measured: {listed_failures(failures)}")
-    return views, failures
+    odd = f"{len(sizes)} of {plural(len(shots.shots), 'image')} have another size than the camera file says"
+    return views, failures, [f"{odd}: two cameras in one folder"] if sizes else []
 
 
 def _insist_on_board(others: Sequence[str | None], board: Board) -> None:

@@ -8,6 +8,7 @@ nothing. The consensus search is ours.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -35,7 +36,8 @@ _BEST = 4  # first guesses that are refined
 _NEAR = 0.15  # of the misfit of foreign views: robots do not err that much
 _WITHIN = 3.0  # of the scatter of those that agree: others are taken along
 _ROUNDS = 15
-_WORTH = 0.5  # a shift, or another size of the board, must bring the scatter down to this share
+_WORTH = 0.5  # a shift, or another size of the board, must bring doubt or scatter down to this share
+_DOUBTED = 0.3  # doubt from which shifts are tried
 _TURNED = 0.1  # rad: least spread of the flange's turns about a second axis
 _SCALE, _SCALE_SIGMAS = 0.03, 6.0  # least difference of the board's size that is told, and in standard deviations
 
@@ -80,11 +82,11 @@ def agreement(
     """
     if len(own) < FEWEST or not _turns_about_two(flange[own]):
         return None
-    found = _best(flange, own, views, centre, rng, mounts, 0)
-    if found is not None and np.mean(np.diag(found.misfit[:, own]) > _NEAR * found.by_chance) > 0.5 * (1 - _AGREEING):
+    found, doubt = _best(flange, own, views, centre, rng, mounts, 0), _doubt(own)
+    if found is not None and doubt(found) > _DOUBTED:
         for shift in _SHIFTS:
             shifted = _best(flange, own, views, centre, rng, mounts, shift)
-            if shifted is not None and shifted.typical < _WORTH * found.typical:
+            if shifted is not None and doubt(shifted) < _WORTH * doubt(found):
                 found = shifted
     return None if found is None else _with_scale(found, flange, own, views, centre, rng)
 
@@ -105,7 +107,18 @@ def _best(
     shift: int,
 ) -> Agreement | None:
     found = [_consensus(flange, own, views, centre, rng, mount, shift) for mount in mounts]
-    return min((each for each in found if each is not None), key=lambda each: each.typical, default=None)
+    return min((each for each in found if each is not None), key=_doubt(own), default=None)
+
+
+def _doubt(own: Index) -> Callable[[Agreement], float]:
+    """How little the views agree, 0 to 1: the mean misfit in terms of what robots do not err, no view counting more."""
+
+    def doubt(found: Agreement) -> float:
+        at = own + found.shift
+        there = np.flatnonzero((at >= 0) & (at < found.misfit.shape[1]))
+        return float(np.minimum(found.misfit[there, at[there]] / (_NEAR * found.by_chance), 1.0).mean())
+
+    return doubt
 
 
 def _consensus(
@@ -122,9 +135,12 @@ def _consensus(
     which = (rng.random(drawn.shape) * choices[drawn]).astype(int)
     base, tool = hand_eye(postures[drawn], _turned(seen[drawn, which], mount))
     misfit = _each(seen, _turned(base[:, None] @ postures @ tool[:, None], mount), centre).min(axis=-1)
-    first = np.argsort(np.sort(misfit, axis=1)[:, count - 1])[:_BEST]
-    refined = [_refined(postures, seen, centre, mount, base[i], tool[i], count) for i in first]
-    b, x, misfit = min(refined, key=lambda found: float(np.sort(found[2])[count - 1]))
+    some = int(np.argmin(np.sort(misfit, axis=1)[:, count - 1]))
+    predicted = _turned(base[some] @ postures @ tool[some], mount)
+    near = _NEAR * float(np.median(_each(seen[:, None], predicted[None], centre).min(axis=-1)))
+    first = np.argsort(np.minimum(misfit, near).mean(axis=1))[:_BEST]
+    refined = [_refined(postures, seen, centre, mount, base[i], tool[i], count, near) for i in first]
+    b, x, misfit = min(refined, key=lambda found: float(np.minimum(found[2], near).mean()))
     typical = float(np.median(misfit[misfit <= _limit(misfit, count)]))
     return _judged(Agreement(mount, b, x, shift, 1.0, misfit, there, typical, np.nan), flange, own, views, centre)
 
@@ -144,15 +160,13 @@ def _limit(misfit: Array, count: int) -> float:
 
 
 def _refined(
-    flange: Array, views: Array, centre: Array, mount: Mount, base: Array, tool: Array, count: int
+    flange: Array, views: Array, centre: Array, mount: Mount, base: Array, tool: Array, count: int, near: float
 ) -> tuple[Array, Array, Array]:
     """B and X of all views that agree with a first guess, and the misfit of every view, shape (N,).
 
     All views much nearer than foreign ones are taken along first: what agrees best may be but a corner of the area.
     """
-    predicted = _turned(base @ flange @ tool, mount)
-    near = _NEAR * float(np.median(_each(views[:, None], predicted[None], centre).min(axis=-1)))
-    each = _each(views, predicted, centre)
+    each = _each(views, _turned(base @ flange @ tool, mount), centre)
     kept: Index = np.zeros(0, dtype=np.intp)
     for step in range(_ROUNDS):
         misfit = each.min(axis=1)

@@ -14,7 +14,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 _OFF, _LOST = 8.0, 15.0  # of the scatter of the others: from there a view fits another posture, or none
-_BETTER = 0.25  # of its own misfit: by so much another posture must fit better
+_BETTER = 0.3  # of its own misfit: the most that is left at another posture that it fits
+_BOTH = 4.5  # of the scatter: two views that each fit the other's posture need to be off by less
 _TAKEN = 50.0  # of the scatter: what a posture that has a view already costs
 _SIGMAS = 6.0  # of a view's own uncertainty, which counts as much as the scatter of the others
 _LEAST = 0.3  # mm: scatter below which nobody's joint readings are
@@ -46,11 +47,11 @@ def foreign_views(found: Agreement, own: Index, sigma: Array) -> list[Foreign]:
     scatter = np.maximum(found.typical, _LEAST)
     ruler = np.sqrt(scatter**2 + (_SIGMAS / _OFF * np.nan_to_num(sigma, nan=np.inf)) ** 2)
     off = found.misfit[np.arange(len(own)), own]
-    suspects = np.flatnonzero(off > _OFF * ruler)
+    suspects = np.flatnonzero((off > _OFF * ruler) | _exchanged(found.misfit[:, own], off, ruler))
     if not len(suspects):
         return []
     taken = np.zeros(found.misfit.shape[1])
-    taken[own[off <= _OFF * ruler]] = _TAKEN
+    taken[np.delete(own, suspects)] = _TAKEN
     relative = found.misfit[suspects] / ruler[suspects, None]
     fitting = (relative < _OFF) & (found.misfit[suspects] < _BETTER * off[suspects, None])
     cost = np.where(fitting, relative + taken, 1e6)
@@ -64,3 +65,9 @@ def foreign_views(found: Agreement, own: Index, sigma: Array) -> list[Foreign]:
         if j is not None or off[i] > _LOST * ruler[i]:
             foreign.append(Foreign(int(i), j, float(off[i]), np.nan if j is None else float(found.misfit[i, j])))
     return foreign
+
+
+def _exchanged(misfit: Array, off: Array, ruler: Array) -> NDArray[np.bool_]:
+    """Views (mask) that fit the posture of one that fits theirs: that both are off so by chance is far less likely."""
+    there = (misfit < _BETTER * off[:, None]) & (misfit < _BOTH * ruler[:, None]) & (off > _BOTH * ruler)[:, None]
+    return np.asarray((there & there.T).any(axis=1))

@@ -164,7 +164,7 @@ def eye_in_hand_board(rng: np.random.Generator) -> Scenario:
     lying = transform(np.diag([1.0, -1.0, -1.0]), np.array([300.0, 250.0, -300.0]))  # its printed side up
     places = {"eye": frame(rng, 60.0, 0.6), "board": near(lying, rng, 60.0, 0.2)}
     setup = Setup(np.eye(4), np.eye(4), places=places, own=_numbers("eye", true))
-    return Scenario(Task((eye,)), setup, {"eye": {"image": 0.1}}, _priors("eye"), seen=True)
+    return Scenario(Task((eye,)), setup, {"eye": {"image": 0.3}}, _priors("eye"), seen=True)
 
 
 def two_cameras_board(rng: np.random.Generator) -> Scenario:

@@ -129,7 +129,7 @@ def _calibrate(model: Model, baseline: Model | None, data: Dataset, options: Opt
     if len(train) == 0:
         raise RefusedError("no pose is marked for training")
     free = placed_by(model, train)
-    if model.task.scene is None:  # with a camera that nobody has placed yet the rows say nothing
+    if not any(o.instrument.is_camera for o in model.task.observations):  # before it is placed its rows say nothing
         start = rows_of(model.measurement, train, model.setup, model.residuals)
         estimated = unknown_noise(start, known_sigma(start, options.sigma))
         check_redundancy(start, (*model.kinematic, *free), bool(estimated))

@@ -232,8 +232,8 @@ def truth_of(
     own = data.truth.units or file.units
     errors = {}
     for name, unit in units.items():
-        sigma = data.truth.sigma_angle if unit == "rad" else data.truth.sigma_length
-        if sigma:
+        sigma = {"rad": data.truth.sigma_angle, "mm": data.truth.sigma_length}.get(unit)
+        if sigma:  # numbers of cameras are neither
             errors[name] = float(rng.normal()) * sigma * own.factor(unit)
     for name, value in data.truth.errors.items():
         if name not in units:

@@ -13,6 +13,7 @@ from symcal.robot.robot import Robot
 from symcal.units import split_unit
 from symcal.words import plural
 
+_MANY = 12  # points of a target, of which poses are expected to show a part
 _SHOWN = 5  # poses named one by one
 _SMALL = np.deg2rad(7.0)  # a robot in radians, read as degrees, stays within +-pi/2 to pi of them
 _TURNS = 4 * np.pi
@@ -79,7 +80,11 @@ def _twins(data: Dataset) -> list[str]:
 def _left_out(data: Dataset) -> list[str]:
     found = []
     missing = int(np.isnan(data.z).any(axis=1).sum())
-    if missing:
+    count, width = len(data.only.features), len(data.only.instrument.columns)
+    if missing and count > _MANY:
+        seen = np.isfinite(data.z).reshape(len(data), count, width).all(axis=2).sum(axis=1)
+        found.append(f"poses show {seen.min()} to {seen.max()} of {count} points, {np.median(seen):.0f} in the median")
+    elif missing:
         found.append(f"in {plural(missing, 'pose')} at least one point was not seen")
     unused = data.split.count("unused")
     if unused:

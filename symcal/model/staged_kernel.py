@@ -119,7 +119,7 @@ class StagedKernel:
 
     def margins(self, q: Array, x: Array, setup: Array) -> Array:
         """By how much each point can be read, shape (N, K, limits)."""
-        return self._each(self.margin, q, x, setup).reshape(len(q), len(self.points), -1)
+        return self._each(self.margin, q, x, setup).reshape(len(q), len(self.points), self.margin.outputs[0].rows)
 
     def errors(self, q: Array, x: Array, setup: Array, z: Array) -> Array:
         """What is judged of each point, shape (N, K d)."""
@@ -127,7 +127,7 @@ class StagedKernel:
         at = self._pairs(len(q), None)
         where, points = self._at(place, at)
         (found,) = self.miss(where, turn[at[0]], points, self._readings(z, at), self._own(own, x, at))
-        return np.asarray(found.reshape(len(q), -1))
+        return np.asarray(found.reshape(len(q), len(self.points) * found.shape[1]))
 
     def _each(self, function: BatchFunction, q: Array, x: Array, setup: Array) -> Array:
         if len(q) > _CHUNK and x.ndim == 1:
@@ -136,7 +136,7 @@ class StagedKernel:
         place, _, own, _ = self._posed(q, x, setup)
         at = self._pairs(len(q), None)
         (found,) = function(*self._at(place, at), self._own(own, x, at))
-        return np.asarray(found.reshape(len(q), -1))
+        return np.asarray(found.reshape(len(q), len(self.points) * found.shape[1]))
 
     def _posed(self, q: Array, x: Array, setup: Array) -> tuple[Array, Array, Array, Array]:
         place, turn, own, screws = self.pose(q, x, setup)
@@ -159,7 +159,7 @@ class StagedKernel:
         return place[at[0]], self.points[at[1]]
 
     def _readings(self, z: Array, at: Pairs) -> Array:
-        return np.asarray(z.reshape(len(z), len(self.points), -1)[at])
+        return np.asarray(z.reshape(len(z), len(self.points), z.shape[1] // len(self.points))[at])
 
     def _own(self, own: Array, x: Array, at: Pairs) -> Array:
         """Numbers of the instrument: the same for all poses, unless the errors differ from pose to pose."""
@@ -172,7 +172,7 @@ class StagedKernel:
         else:
             out = np.zeros((count, len(self.points), *values.shape[1:]))
             out[at] = values
-        return np.asarray(out.reshape(count, -1, *values.shape[2:]))
+        return np.asarray(out.reshape(count, len(self.points) * values.shape[1], *values.shape[2:]))
 
 
 def staged_kernel(stages: Stages) -> StagedKernel:

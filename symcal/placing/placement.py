@@ -24,6 +24,7 @@ from symcal.placing.ends import Ends, ends_of
 from symcal.placing.multistart import search
 from symcal.placing.registration import LEVER, register
 from symcal.placing.scene_placement import camera_guesses, place_scene
+from symcal.placing.views import disagreements
 from symcal.spatial import inverse
 
 Array = NDArray[np.float64]
@@ -39,14 +40,16 @@ class Placed:
     """Where everything is by nominal kinematics.
 
     searches: instruments that were searched for, and how many of how many starts came to where they are.
+    odd: what is said of views that disagree.
     """
 
     setup: Setup
     searches: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    odd: tuple[str, ...] = ()
 
     @property
     def notes(self) -> tuple[str, ...]:
-        return tuple(
+        return self.odd + tuple(
             f"where '{name}' stands was found by one of {starts} starts only: there may be a better place; a rough "
             "place under 'near' would help"
             for name, (agreed, starts) in self.searches.items()
@@ -76,7 +79,8 @@ def placed(model: Model, data: Dataset, options: Options) -> Placed:
     nominal = State(model, model.setup, np.zeros(len(model.parameters)))
     start = _start(nominal, data, free, options)
     found = _fit(replace(nominal, setup=start.setup), data, free, options)
-    return Placed(_found(model, found, free), start.searches)
+    setup = _found(model, found, free)
+    return Placed(setup, start.searches, disagreements(model, data, setup))
 
 
 def settled(state: State, data: Dataset) -> State:

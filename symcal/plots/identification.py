@@ -8,6 +8,7 @@ from symcal.calibration.identify import Calibration
 from symcal.data.dataset import Dataset
 from symcal.plots.convergence import convergence
 from symcal.plots.distribution import error_distribution
+from symcal.plots.image_residuals import image_residuals
 from symcal.plots.learnt import what_was_learnt
 from symcal.plots.parameters import correlation_matrix, parameter_corrections
 from symcal.plots.poses import errors_per_pose
@@ -36,6 +37,7 @@ def identification_figures(
         errors_per_pose(errors, labels, against),
         error_distribution(errors[judged], judged, against=against),
         residuals_per_axis(errors, against),
+        *image_residuals(calibration, data),
         *([what_was_learnt(calibration), parameter_corrections(calibration)] if calibration.model.kinematic else []),
         convergence(calibration, parts),
         singular_values(calibration.after.identifiability),

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symcal.calibration.compensation_check import true_robot
 from symcal.calibration.simulate import concatenate, simulate
@@ -22,11 +23,17 @@ from symcal.images.shots import read_shots
 from symcal.instruments.noise import Noise
 from symcal.model.model import Model
 from symcal.model.observation import Observation
+from symcal.planning.area import WorkingArea, draw
+from symcal.planning.constraints import feasible
 from symcal.planning.drive_plan import Planned
+from symcal.planning.plan_constraints import asked_view
+from symcal.planning.visibility import within_limits
 from symcal.robot.robot import Robot
 from symcal.runs.camera import image_files
 
 Progress = Callable[[str], None]
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,12 +181,19 @@ def _simulated(
     units = dict(zip(model.parameters.names, model.parameters.units, strict=True))
     truth = config.truth_of(source, file, document, dict(units), rng)
     noise = config.noise_of(file, source, model.task.observations)
-    random = rng.uniform(lower, upper, (file.plan.poses, len(lower)))
+    limits = within_limits(model, asked_view(file))
+
+    def anywhere(count: int) -> Array:
+        if not limits:
+            return rng.uniform(lower, upper, (count, len(lower)))
+        return draw(WorkingArea(lower, upper), rng, count, feasible(limits))  # nobody measures where nothing is seen
+
+    random = anywhere(file.plan.poses)
     train = simulate(model, truth, random if planned is None else planned.plan.poses, noise, rng)
     robot = true_robot(model, truth)
     if not source.test_poses:
         return MeasuredData(train, truth=robot)
-    q = rng.uniform(lower, upper, (source.test_poses, len(lower)))
+    q = anywhere(source.test_poses)
     test = simulate(model, truth, q, noise, rng, "test")
     exact = simulate(model, truth, q, Noise(), rng, "test")
     return MeasuredData(concatenate(train, test), truth=robot, exact=exact)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,11 +13,14 @@ from symcal.calibration.identify import Calibration
 from symcal.data.dataset import Dataset
 from symcal.export.corrections import corrections
 
+_MANY = 12  # points of a target, beyond which people want to see poses
+
 
 def tables(
     content: Mapping[str, Any], calibration: Calibration, data: Dataset, errors: Mapping[str, Mapping[str, Errors]]
 ) -> dict[str, pd.DataFrame]:
-    """Parameters, accuracy, errors per observation, correlation, and the corrections as a controller asks for them.
+    """Parameters, accuracy, errors per observation (per pose of targets with many points), correlation, and the
+    corrections as a controller asks for them.
 
     Args:
         content: of results.json. errors: by data (`train`, `test`) and state.
@@ -55,16 +58,27 @@ def _error_table(data: Dataset, errors: Mapping[str, Mapping[str, Errors]]) -> p
         labels = data.part(split).labels
         labels = labels or tuple(str(i + 1) for i in range(int(max(e.pose.max() for e in errors[split].values())) + 1))
         for state, found in errors[split].items():
-            for k, norm in enumerate(found.size):
-                row: dict[str, object] = {
-                    "data": split,
-                    "state": state,
-                    "pose": labels[found.pose[k]],
-                    "point": features[found.point[k]] if features and found.point.max() else "",
-                }
-                names = found.names
-                row |= {f"{name}_{found.unit}": value for name, value in zip(names, found.vectors[k], strict=True)}
-                row[found.key] = norm
-                row["orientation_deg"] = np.nan if found.turns is None else np.rad2deg(found.turns[k])
-                rows.append(row)
+            many = int(np.bincount(found.pose).max()) > _MANY
+            for at, shown in _by_pose(found) if many else _by_reading(found):
+                row: dict[str, object] = {"data": split, "state": state, "pose": labels[found.pose[at]]}
+                point = features[found.point[at]] if features and found.point.max() else ""
+                rows.append(row | ({"points": shown.pop("points")} if many else {"point": point}) | shown)
     return pd.DataFrame(rows)
+
+
+def _by_reading(found: Errors) -> Iterator[tuple[int, dict[str, float]]]:
+    """Every reading: its place, its components, and their norm."""
+    for k, norm in enumerate(found.size):
+        row = {f"{name}_{found.unit}": float(v) for name, v in zip(found.names, found.vectors[k], strict=True)}
+        turn = np.nan if found.turns is None else float(np.rad2deg(found.turns[k]))
+        yield k, row | {found.key: float(norm), "orientation_deg": turn}
+
+
+def _by_pose(found: Errors) -> Iterator[tuple[int, dict[str, float]]]:
+    """Every pose that shows many points: a place of it, how many, their mean components, rms and largest norm."""
+    for pose in np.unique(found.pose):
+        own = np.flatnonzero(found.pose == pose)
+        mean, norms = found.vectors[own].mean(axis=0), found.size[own]
+        row: dict[str, float] = {"points": len(own)}
+        row |= {f"mean_{name}_{found.unit}": float(v) for name, v in zip(found.names, mean, strict=True)}
+        yield int(own[0]), row | {found.key: float(np.sqrt(np.mean(norms**2))), f"max_{found.unit}": float(norms.max())}

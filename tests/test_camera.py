@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as ca
 import cv2
 import numpy as np
@@ -11,8 +13,11 @@ from hypothesis import strategies as st
 
 from symcal.camera.board import Board, parse_board
 from symcal.camera.camera import INTRINSIC_NAMES, Camera, fold_radius, in_image, project, project_points, rays
+from symcal.camera.reproject import moved, reproject
 from symcal.camera.target import Target
 from symcal.errors import InputError
+from symcal.instruments.registry import Pixels
+from symcal.vision.precision import projected, projection_jacobian
 
 CAMERAS = {
     "pinhole": Camera(640, 480, 530.0, 531.0, 342.0, 233.0),
@@ -164,3 +169,76 @@ def test_a_board_reads_back_from_its_text(kind: str, columns: int, rows: int, te
     board = parse_board(f"{kind}:{columns}x{rows}:{tenths / 10}mm")
     assert isinstance(board, Board)
     assert parse_board(str(board)) == board
+
+
+SKEWED = Camera(1280, 960, 800.0, 802.0, 650.0, 470.0, (-0.2, 0.08, 1e-3, -2e-3, 0.01), skew=3.0)
+
+
+def test_a_skew_reaches_every_projection(rng: np.random.Generator) -> None:
+    """What y adds to u, beside OpenCV's projection, which has none: numeric, symbolic, its inverse and derivatives."""
+    cloud, plain = points(rng, 40), replace(SKEWED, skew=0.0)
+    expected = project_points(plain, cloud)
+    expected[:, 0] += 3.0 * (expected[:, 1] - SKEWED.cy) / SKEWED.fy
+    pixels = project_points(SKEWED, cloud)
+    assert pixels == pytest.approx(expected, abs=1e-9)
+    assert rays(SKEWED, pixels) == pytest.approx(cloud[:, :2] / cloud[:, 2:], abs=1e-9)
+    seen, by_pose = reproject(SKEWED, np.eye(4), cloud)
+    assert seen == pytest.approx(expected, abs=1e-9)
+    step = 1e-5
+    for axis in range(6):
+        increment = np.eye(6)[axis] * step
+        ends = [reproject(SKEWED, moved(np.eye(4), sign * increment), cloud)[0] for sign in (1, -1)]
+        assert by_pose[..., axis] == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=1e-5, abs=1e-4)
+    p, k = ca.SX.sym("p", 3), ca.SX.sym("k", 10)
+    symbolic = ca.Function("project", [p, k], [project(p, k)])
+    for point, pixel in zip(cloud, expected, strict=True):
+        assert np.array(symbolic(point, SKEWED.numbers)).ravel() == pytest.approx(pixel, abs=1e-9)
+    assert SKEWED.matrix @ [0.1, 0.2, 1] == pytest.approx([650 + 80 + 0.6, 470 + 160.4, 1])
+
+
+@pytest.mark.parametrize("skew", [0.0, 3.0])
+def test_derivatives_of_the_adjustment_are_those_of_its_projection(skew: float, rng: np.random.Generator) -> None:
+    camera, cloud = replace(SKEWED, skew=skew), points(rng, 12)
+    pose = (np.array([0.1, -0.2, 0.05]), np.array([10.0, -5.0, 400.0]))
+    x = np.concatenate([*pose, camera.numbers])
+    jacobian = projection_jacobian(camera, pose, cloud)
+    for i in range(16):
+        step = 1e-6 * max(1.0, abs(x[i]))
+        ends = []
+        for sign in (1, -1):
+            y = x.copy()
+            y[i] += sign * step
+            ends.append(projected(camera.with_numbers(y[6:]), (y[:3], y[3:6]), cloud).ravel())
+        slope = (ends[0] - ends[1]) / (2 * step)
+        assert jacobian[:, i] == pytest.approx(slope, rel=1e-5, abs=1e-4 * max(1.0, np.abs(slope).max()))
+
+
+def test_a_skew_is_no_number_of_a_camera_that_has_none() -> None:
+    names = [p.name for p in Pixels(CAMERAS["strong barrel"]).unknowns("")[0]]
+    assert names == list(INTRINSIC_NAMES)
+    assert Pixels(CAMERAS["strong barrel"]).own == INTRINSIC_NAMES
+    assert [p.name for p in Pixels(SKEWED).unknowns("")[0]] == [*INTRINSIC_NAMES, "skew"]
+    held = replace(SKEWED, covariance=np.diag([1.0] * 9))
+    assert [p.name for p in Pixels(held).unknowns("")[0]] == list(INTRINSIC_NAMES)
+    told = replace(SKEWED, skew=0.0, covariance=np.diag([1.0] * 8 + [0.0, 0.01]))
+    assert [p.name for p in Pixels(told).unknowns("")[0]] == [*INTRINSIC_NAMES[:-1], "skew"]
+
+
+def test_the_pixel_instrument_honours_the_skew(rng: np.random.Generator) -> None:
+    """Readings and both derivatives, against the numeric projection and finite differences."""
+    kind = Pixels(SKEWED)
+    rotation, point, reading, own = ca.SX.sym("r", 3, 3), ca.SX.sym("p", 3), ca.SX.sym("z", 2), ca.SX.sym("o", 10)
+    by_twist, by_own = kind.slopes(rotation, point, reading, own)
+    predict = kind.predict(rotation, point, own)
+    call = ca.Function("pixels", [rotation, point, reading, own], [predict, by_twist, by_own])
+    for place in points(rng, 5):
+        value, slope, by_numbers = (np.array(part) for part in call(np.eye(3), place, np.zeros(2), SKEWED.numbers))
+        assert value.ravel() == pytest.approx(project_points(SKEWED, place), abs=1e-9)
+        for axis in range(3):
+            step = np.eye(3)[axis] * 1e-4
+            ends = [project_points(SKEWED, place + sign * step) for sign in (1, -1)]
+            assert slope[:, 3 + axis] == pytest.approx((ends[0] - ends[1]) / 2e-4, rel=1e-5, abs=1e-6)
+        for i in range(10):
+            step = 1e-5 * np.eye(10)[i]
+            ends = [project_points(SKEWED.with_numbers(SKEWED.numbers + sign * step), place) for sign in (1, -1)]
+            assert by_numbers[:, i] == pytest.approx((ends[0] - ends[1]) / 2e-5, rel=1e-5, abs=1e-5)

@@ -102,3 +102,19 @@ def test_a_target_without_enough_points_names_its_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="at least three points") as caught:
         read_target(path)
     assert caught.value.line == 3
+
+
+def test_a_skew_comes_back_and_is_absent_where_there_is_none(tmp_path: Path) -> None:
+    covariance = np.diag(np.arange(1.0, 11))
+    camera = Camera(640, 480, 500.0, 501.0, 320.0, 240.0, (-0.2, 0.1), covariance, skew=0.25)
+    write_camera(tmp_path / "camera.yaml", camera)
+    back = read_camera(tmp_path / "camera.yaml")
+    assert back.skew == 0.25
+    assert np.array_equal(back.numbers, camera.numbers)
+    assert back.covariance is not None
+    assert np.array_equal(back.covariance, camera.covariance)
+    plain = camera_to_dict(Camera(640, 480, 500.0, 501.0, 320.0, 240.0))
+    assert "skew" not in plain["intrinsics"]
+    data = camera_to_dict(camera)
+    with pytest.raises(InputError, match="as many columns as rows"):
+        camera_from_dict({**data, "covariance": [row[:9] for row in data["covariance"]]})

@@ -9,6 +9,7 @@ from camera_scenes import ROBOT, T_WORLD_CAMERA, TRUTH, poses, small_camera, tar
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
+import symcal as sc
 from symcal import spatial
 from symcal.camera.board import Board
 from symcal.camera.camera import Camera
@@ -104,3 +105,69 @@ def test_scene_files(tmp_path):
     file.write_text("units: {length: mm, angle: deg}\ncamera: {position: [100, 2700, 1150]}\n")
     with pytest.raises(InputError, match="look_at"):
         read_scene(file)
+
+
+@pytest.fixture(scope="module")
+def corner_file(boards, tmp_path_factory):
+    """The corners of the rendered views as a list, one view with three points only."""
+    from symcal.vision.board import detect_boards
+
+    folder, _ = boards
+    board = Board("chessboard", 9, 6, 25.0)
+    detections, _ = detect_boards(sorted(folder.glob("view*.png")), board)
+    rows = ["view,id,X_mm,Y_mm,u_px,v_px"]
+    for found in detections:
+        for i, (u, v) in zip(found.indices, found.pixels.tolist(), strict=True):
+            rows.append(f"{found.name},{i},{board.points[i, 0]},{board.points[i, 1]},{u!r},{v!r}")
+    rows += [f"few.png,{i},{board.points[i, 0]},0,{100 + 20 * i},50" for i in range(3)]
+    file = tmp_path_factory.mktemp("lists") / "corners.csv"
+    file.write_text("\n".join(rows) + "\n")
+    return file
+
+
+def test_camera_command_takes_a_list_of_corners(corner_file, tmp_path):
+    out = tmp_path / "camera.yaml"
+    done = command("camera", "--points", corner_file, "--size", "640x480", "--fix", "p1,p2,k3", "--skew", "--out", out)
+    assert done.exit_code == 0, done.output
+    corners = sc.load_corners(corner_file, (640, 480))
+    expected = sc.calibrate_camera(corners, fix=("p1", "p2", "k3"), skew=True).camera
+    assert read_camera(out).numbers == pytest.approx(expected.numbers, rel=1e-9)
+    assert expected.dist[2:] == (0.0, 0.0, 0.0)
+    assert "10 of 11 views used" in done.output
+    assert "p1, p2 and k3 were held at zero, as asked" in done.output
+    assert "look at: few.png: it has 3 points: at least 4 are needed" in done.output
+    assert {file.name for file in tmp_path.iterdir()} == {"camera.yaml", "camera.pdf"}
+    assert "few.png: 'it has 3 points" in out.read_text()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--points", "CORNERS"], "does not tell the image's size"),
+        (["--points", "CORNERS", "--size", "640"], "WIDTHxHEIGHT"),
+        (["--points", "CORNERS", "--size", "640x480", "--fix", "p4"], "can be held at zero"),
+        (["--points", "CORNERS", "--size", "640x480", "--board", "chessboard:9x6:25mm"], "brings its own points"),
+        (["--points", "CORNERS", "--size", "640x480", "--bowed"], "brings its own points"),
+        (["--points", "CORNERS", "--size", "480x640"], "outside the image of 480 x 640 px"),
+        (["IMAGES", "--points", "CORNERS", "--size", "640x480"], "not both"),
+        ([], "give images of a board"),
+        (["IMAGES"], "say which board"),
+        (["IMAGES", "--board", "chessboard:9x6:25mm", "--size", "640x480"], "images tell their size"),
+        (["IMAGES", "--board", "chessboard:9x6:25mm", "--fix", "k7"], "can be held at zero"),
+    ],
+)
+def test_camera_command_says_what_is_missing_or_too_much(words, said, boards, corner_file, tmp_path):
+    files = {"CORNERS": corner_file, "IMAGES": boards[0]}
+    done = command("camera", *(files.get(word, word) for word in words), "--out", tmp_path / "c.yaml")
+    assert isinstance(done.exception, InputError)
+    assert said in str(done.exception)
+    assert not list(tmp_path.iterdir())
+
+
+def test_camera_command_holds_the_terms_of_images(boards, tmp_path):
+    folder, _ = boards
+    words = ("camera", folder, "--board", "chessboard:9x6:25mm", "--out", tmp_path / "c.yaml")
+    assert command(*words, "--fix", "none").exit_code == 0
+    assert all(number != 0 for number in read_camera(tmp_path / "c.yaml").dist)
+    assert command(*words, "--fix", "p1,p2").exit_code == 0
+    assert [number == 0 for number in read_camera(tmp_path / "c.yaml").dist] == [False, False, True, True, False]

@@ -1,4 +1,4 @@
-"""Commands that measure with a camera: camera, measure."""
+"""Commands that measure with a camera: board, camera, measure."""
 
 from __future__ import annotations
 
@@ -10,6 +10,32 @@ from rich.markup import escape
 
 from symcal.cli import terminal
 from symcal.cli.app import Images, Quiet
+
+
+def board(
+    board: Annotated[
+        str,
+        typer.Argument(metavar="BOARD", help="chessboard:9x6:25mm, charuco:12x9:30mm:22mm, aprilgrid:6x6:30mm:9mm, .."),
+    ],
+    out: Annotated[Path, typer.Option("--out", metavar="PDF", help="what to print")] = Path("board.pdf"),
+    page: Annotated[
+        str | None, typer.Option("--page", metavar="A4..A0|exact", help="[the smallest of A4 to A0 that holds it]")
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Draw a calibration board at true size, to be printed at 100 %."""
+    from symcal.camera.board import parse_board
+    from symcal.runs.board import print_board
+    from symcal.runs.folder import require_place
+
+    require_place(out)
+    parsed = parse_board(board)
+    sheet = print_board(parsed, out, page)
+    if not quiet:
+        console = terminal.output()
+        console.print(f"{escape(str(parsed))} on {sheet.page} ({sheet.width:.0f} x {sheet.height:.0f} mm)")
+        console.print("print at 100 %, measure the bar of 100 mm, and use this text as --board")
+        console.print(f"written to {escape(str(out))}")
 
 
 def camera(

@@ -20,8 +20,9 @@ BORDER_BITS = 2
 
 _LARGE = 1600  # px; images up to this size are searched at double size, where corners that touch come apart
 _WINDOW_CAP = 9  # half window of the refinement, px at most
-# A corner is not believed when it is farther than both from where its tag and the tags around it expect it, or when
-# more than this share of the grey gradients around it belong to no edge through it. Ours.
+# A corner is not believed when it is farther than this from where the tags around it expect it (px; near tags under a
+# strong lens are no plane: then a share of their side), or when more than a share of the grey gradients around it
+# belong to no edge through it. Ours.
 _STRAY_PX, _STRAY_SHARE = 1.0, 0.06
 _DOUBT = 0.4
 
@@ -117,23 +118,29 @@ def _corners(image: Image, board: Board, tags: _Tags, border: int) -> tuple[NDAr
     doubts = np.array([[_doubt(image, *each) for each in zip(end, windows, strict=True)] for end in ends])
     better, each = doubts.argmin(axis=0), np.arange(len(seen))
     refined = ends[better, each]
-    limit = np.maximum(_STRAY_PX, _STRAY_SHARE * side)
-    miss = np.linalg.norm(refined - _expected(board, tags, refined, limit[::4]), axis=1)
+    sound = doubts[better, each] < _DOUBT
+    limit = np.maximum(_STRAY_PX, _STRAY_SHARE * side - _STRAY_PX)
+    around = _expected(board, tags, np.where(sound[:, None], refined, seen), limit[::4])
+    miss = np.linalg.norm(refined - around, axis=1)
     order = np.argsort(indices)
-    order = order[((doubts[better, each] < _DOUBT) & (miss < limit))[order]]
+    order = order[(sound & (miss < limit))[order]]
     return indices[order], refined[order]
 
 
 def _refined(image: Image, start: Float, windows: NDArray[np.intp]) -> Float:
-    """Corners refined in windows of their own half sizes."""
-    result = start.copy()
+    """Corners refined in windows of their own half sizes; NaN where the refinement left its window and gave up."""
+    result = start.astype(np.float32).astype(np.float64)  # as OpenCV takes them, and gives them back then
     for window in np.unique(windows).tolist():
-        result[windows == window] = sub_pixel(image, start[windows == window], window)
+        own = windows == window
+        ends = sub_pixel(image, result[own], window)
+        result[own] = np.where(np.all(ends == result[own], axis=1, keepdims=True), np.nan, ends)
     return result
 
 
 def _doubt(image: Image, pixel: Float, window: int) -> float:
-    """Share of the grey gradients around a point that do not belong to edges through it, 0 to 1; 1 at the border."""
+    """Share of the grey gradients around a point that belong to no edge through it, 0 to 1; 1 at the border."""
+    if np.isnan(pixel[0]):
+        return 1.0
     u, v = np.rint(pixel).astype(int).tolist()
     low_u, low_v, high_u, high_v = u - window - 1, v - window - 1, u + window + 2, v + window + 2
     if low_u < 0 or low_v < 0 or high_u > image.shape[1] or high_v > image.shape[0]:

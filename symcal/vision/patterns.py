@@ -10,7 +10,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
@@ -18,8 +17,7 @@ from scipy.spatial import ConvexHull
 from symcal.camera.board import Board
 from symcal.camera.target import Target
 from symcal.vision.aprilgrid import tag_bits
-from symcal.vision.charuco import charuco_board
-from symcal.vision.markers import marker_dictionary
+from symcal.vision.charuco import charuco_markers
 
 Float = NDArray[np.floating[Any]]
 Pattern = Callable[[Float, Float], Float]
@@ -117,15 +115,11 @@ def _cell(coordinate: Float) -> NDArray[np.int32]:
 
 def _charuco(board: Board) -> Pattern:
     """Black squares, and in each white one its marker: a grid of bits in a black frame of one bit."""
-    source, dictionary = charuco_board(board), marker_dictionary(board)
-    bits = dictionary.markerSize + 2
-    corners = np.array(source.getObjPoints(), dtype=np.float64)[:, 0, :2]
-    side = board.marker or board.square
+    markers = charuco_markers(board)
+    bits, side = len(next(iter(markers.values()))), board.marker or board.square
     grid = np.zeros((board.rows, board.columns, bits, bits))
-    for number, corner in zip(np.ravel(source.getIds()), corners, strict=True):
-        column, row = np.floor((corner + side / 2) / board.square).astype(int)
-        grid[row, column] = cv2.aruco.generateImageMarker(dictionary, int(number), bits, borderBits=1) / 255
-        grid[row, column] += 2  # a white square: its marker's bits, and white around them
+    for (column, row), white in markers.items():
+        grid[row, column] = white + 2.0  # a white square: its marker's bits, and white around them
 
     def face(x: Float, y: Float) -> Float:
         column, row = _cell(x / board.square), _cell(y / board.square)
@@ -160,9 +154,14 @@ def _aprilgrid(board: Board) -> Pattern:
     return face
 
 
+def dot_radius(board: Board) -> float:
+    """Radius of the dots of a grid as it is printed: 0.3 of the distance between neighbours, mm."""
+    return 0.3 * board.square * (np.sqrt(2) if board.kind == "asymmetric_circles" else 1.0)
+
+
 def _circles(board: Board, radius: float | None) -> Pattern:
     skewed = board.kind == "asymmetric_circles"
-    size = radius if radius is not None else 0.3 * board.square * (np.sqrt(2) if skewed else 1.0)
+    size = radius if radius is not None else dot_radius(board)
 
     def face(x: Float, y: Float) -> Float:
         # The nearest dot: of a square lattice, or of one turned by 45 deg, its axes along the sum and difference.

@@ -17,6 +17,7 @@ from symcal.calibration.compare import cross_validate
 from symcal.calibration.identify import identify
 from symcal.calibration.simulate import simulate
 from symcal.camera.camera import INTRINSIC_NAMES, Camera
+from symcal.camera.files import read_camera, write_camera
 from symcal.camera.target import Target
 from symcal.errors import InputError, RefusedError
 from symcal.fit.estimation import Options
@@ -200,3 +201,21 @@ def test_random_frames_are_no_special_case():
     rng = np.random.default_rng(5)
     frame = random_frame(rng)
     np.testing.assert_allclose(Setup(frame, frame, places={"camera": frame}).moved({}).places["camera"], frame)
+
+
+def test_a_skewed_camera_measures_as_well_and_its_skew_is_found(tmp_path):
+    """The skew goes from camera.yaml through readings, starts and fit; known to 0.5 px, it is 0.4 px off."""
+    covariance = np.zeros((10, 10))
+    covariance[:9, :9], covariance[9, 9] = camera().covariance, 0.5**2
+    write_camera(tmp_path / "camera.yaml", replace(camera(), skew=3.0, covariance=covariance))
+    nominal, rng = read_camera(tmp_path / "camera.yaml"), np.random.default_rng(7)
+    true = build_model(ROBOT, pixels_task(Scene(replace(nominal, skew=3.4), target(), T_WORLD_CAMERA)))
+    data = simulate(true, TRUTH, poses(true, 40, rng), Noise(image=0.02), rng)
+    found = identify(ROBOT, data, pixels_task(Scene(nominal, target(mount=False))))
+    errors = found.model.parameters.mapping(found.after.x)
+    sigma = dict(zip(found.after.posterior.names, found.after.posterior.sigmas, strict=True))["skew"]
+    assert found.after.sigmas["image"] == pytest.approx(0.02, rel=0.2)
+    assert errors["skew"] == pytest.approx(0.4, abs=4 * sigma)
+    assert sigma < 0.5
+    straight = identify(ROBOT, data, pixels_task(Scene(camera(), target(mount=False))))
+    assert straight.after.sigmas["image"] > 1.5 * found.after.sigmas["image"]

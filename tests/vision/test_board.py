@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from symcal.camera.board import parse_board
 from symcal.camera.camera import Camera
 from symcal.errors import InputError
+from symcal.vision.aprilgrid import tag_bits
 from symcal.vision.board import BoardDetection, Refusal, detect_board, detect_boards
 from symcal.vision.circles import dot_bias
 from symcal.vision.images import read_image
@@ -188,3 +189,95 @@ def test_an_unknown_or_too_small_dictionary_is_named(rng: np.random.Generator) -
     with pytest.raises(InputError, match="60 markers"):
         detect_board(noise, parse_board("charuco:12x10:30mm:22mm:DICT_4X4_50"))
     assert isinstance(detect_board(noise, parse_board("charuco:5x7:30mm:22mm:DICT_4X4_50")), Refusal)
+
+
+KALIBR_36H11 = (0xD5D628584, 0xD97F18B49, 0xDD280910E, 0xE479E9C98)  # codes of tags 0 to 3
+KALIBR_FIRST = {"DICT_APRILTAG_16h5": (4, 0x231B), "DICT_APRILTAG_25h9": (5, 0x155CBF1)}
+
+
+def test_tags_are_those_that_kalibr_prints() -> None:
+    """Row by row from the top, the highest bit first, a one is white; two bits of black around."""
+    codes = [("DICT_APRILTAG_36h11", number, 6, code) for number, code in enumerate(KALIBR_36H11)]
+    codes += [(name, 0, side, code) for name, (side, code) in KALIBR_FIRST.items()]
+    for dictionary, number, side, code in codes:
+        board = parse_board(f"aprilgrid:3x2:30mm:9mm:{dictionary}")
+        bits = np.array([bit == "1" for bit in f"{code:0{side * side}b}"]).reshape(side, side)
+        assert np.array_equal(tag_bits(board, number), np.pad(bits, 2))
+
+
+def test_the_points_of_an_aprilgrid_are_kalibrs() -> None:
+    """From Kalibr's GridCalibrationTargetAprilgrid: corners row by row from the lower left, x right, y up."""
+    board = parse_board("aprilgrid:3x2:40mm:12mm")
+    size, spacing = 40.0, 0.3
+    for r in range(4):
+        for c in range(6):
+            x = (c // 2) * (1 + spacing) * size + (c % 2) * size
+            y = (r // 2) * (1 + spacing) * size + (r % 2) * size
+            assert board.points[6 * r + c] == pytest.approx([x, y, 0])
+
+
+def test_every_corner_of_an_aprilgrid_has_its_number(rng: np.random.Generator) -> None:
+    """Seen from the front, the first point is the lower left, whatever way the board is turned."""
+    board = parse_board("aprilgrid:4x3:30mm:9mm")
+    for quarter in range(4):
+        turn = Rotation.from_rotvec([0.3, -0.2, 0]) * Rotation.from_rotvec([0, 0, np.pi / 2 * quarter])
+        view = placed(turn * Rotation.from_rotvec([np.pi, 0, 0]), board.points.mean(axis=0), np.zeros(2), 420.0)
+        found = detect_board(render_board(CAMERA, board, view, rng), board)
+        assert isinstance(found, BoardDetection)
+        assert np.array_equal(found.indices, np.arange(48))
+        assert np.abs(found.pixels - seen(CAMERA, board, view)).max() < 0.25
+    upright = placed(Rotation.from_rotvec([np.pi, 0, 0]), board.points.mean(axis=0), np.zeros(2), 420.0)
+    u, v = seen(CAMERA, board, upright).T
+    assert u[0] < u[7]
+    assert v[0] > v[-1]
+
+
+@pytest.mark.parametrize(("ray", "depth"), [((0.5, 0.1), 420.0), ((0.45, 0.3), 180.0), ((-0.4, -0.35), 260.0)])
+def test_part_of_an_aprilgrid_is_enough(ray: tuple[float, float], depth: float, rng: np.random.Generator) -> None:
+    board = parse_board("aprilgrid:6x6:30mm:9mm")
+    view = placed(TILT * Rotation.from_rotvec([np.pi, 0, 0]), board.points.mean(axis=0), np.array(ray), depth)
+    found = detect_board(render_board(CAMERA, board, view, rng), board)
+    assert isinstance(found, BoardDetection)
+    assert 40 <= len(found.indices) < len(board.points)
+    errors = found.pixels - seen(CAMERA, board, view)[found.indices]
+    assert np.sqrt(np.mean(errors**2)) < 0.06
+    assert np.abs(errors).max() < 0.3
+
+
+def test_tags_with_a_border_of_one_bit_are_read_too() -> None:
+    """A grid of OpenCV's own pictures, without squares between: upside down, as OpenCV keeps them."""
+    board = parse_board("aprilgrid:3x3:80mm:20mm")
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    page = np.full((400, 400), 255, np.uint8)
+    for number in range(9):
+        left, bottom = 60 + number % 3 * 100, 340 - number // 3 * 100
+        tag = cv2.aruco.generateImageMarker(dictionary, number, 80, borderBits=1)
+        page[bottom - 80 : bottom, left : left + 80] = np.rot90(tag, 2)
+    found = detect_board(cv2.GaussianBlur(page, (0, 0), 0.7), board)
+    assert isinstance(found, BoardDetection)
+    assert "border of one bit" in found.method
+    assert np.array_equal(found.indices, np.arange(36))
+    expected = np.array([59.5, 339.5]) + board.points[:, :2] * [1, -1]
+    assert np.abs(found.pixels - expected).max() < 0.5
+
+
+def test_foreign_tags_and_tags_seen_twice_are_left_out(rng: np.random.Generator) -> None:
+    """A smaller board of the same family shows tags of the larger one: those beyond its own are not its corners."""
+    large, small = parse_board("aprilgrid:4x3:30mm:9mm"), parse_board("aprilgrid:4x2:30mm:9mm")
+    view = placed(TILT * Rotation.from_rotvec([np.pi, 0, 0]), large.points.mean(axis=0), np.zeros(2), 420.0)
+    image = render_board(CAMERA, large, view, rng)
+    found = detect_board(image, small)
+    assert isinstance(found, BoardDetection)
+    assert np.array_equal(found.indices, np.arange(32))
+    twice = detect_board(np.hstack([image[:, :500], image[:, :500]]), large)
+    assert isinstance(twice, Refusal)
+    assert "no marker" in twice.reason
+
+
+def test_a_tag_of_another_family_is_no_board(rng: np.random.Generator) -> None:
+    board = parse_board("aprilgrid:4x3:30mm:9mm")
+    view = placed(TILT * Rotation.from_rotvec([np.pi, 0, 0]), board.points.mean(axis=0), np.zeros(2), 420.0)
+    image = render_board(CAMERA, board, view, rng)
+    assert isinstance(detect_board(image, parse_board("aprilgrid:4x3:30mm:9mm:DICT_APRILTAG_36h10")), Refusal)
+    with pytest.raises(InputError, match="600 markers"):
+        detect_board(image, parse_board("aprilgrid:30x20:30mm:9mm"))

@@ -94,8 +94,6 @@ def postures(which: sc.Board, count: int, rng: np.random.Generator, spread: floa
     return np.array(found)
 
 
-def measured(
-    which: sc.Board, q: Array, truth: dict[str, float], sigma: float, rng: np.random.Generator
-) -> Dataset:
+def measured(which: sc.Board, q: Array, truth: dict[str, float], sigma: float, rng: np.random.Generator) -> Dataset:
     """Image points with noise, of the corners that are seen."""
     return sc.simulate(built(which), truth, q, sc.Noise(image=sigma), rng)

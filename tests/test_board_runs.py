@@ -120,8 +120,7 @@ def experiment(place: Path, **data: object) -> dict:
                 "intrinsics": "unknown",
                 "at": {"on": "flange", "place": "unknown"},
                 "target": {"on": "base", "place": "unknown", "board": str(BOARD)},
-                "data": {"source": "images", "files": str(place / "images"), "joints": str(place / "joints.csv")}
-                | data,
+                "data": source | data,
             }
         },
         "validation": {"folds": 0},

@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import board_draws
 import cv2
 import numpy as np
 import pytest
@@ -13,13 +14,16 @@ import yaml
 from board_images import ARM, BOARD, LENS, images, views
 from typer.testing import CliRunner
 
+from symcal.calibration.simulate import simulate
 from symcal.camera.files import write_camera, write_target
 from symcal.camera.target import Target
 from symcal.cli import app
-from symcal.config.conversion import load_experiment
+from symcal.config.conversion import area_of, load_experiment
 from symcal.data.measurement_file import load_measurements
 from symcal.errors import InputError, RefusedError
+from symcal.instruments.noise import Noise
 from symcal.robot.robot import save_robot
+from symcal.runs.load import load
 from symcal.runs.run import run
 
 SIGMA = np.array([0.5, 0.5, 0.5, 0.5, 1e-3, 4e-3, 1e-4, 1e-4, 0.0])
@@ -203,3 +207,17 @@ def test_the_shipped_experiment_with_few_poses(configs, tmp_path):
     assert json.loads((out / "results.json").read_text())["camera"]["intrinsics"]["fx"]["true"] == 611.7
     assert (out / "camera.yaml").is_file()
     assert len(list((out / "images").glob("*.png"))) == 1
+
+
+def test_draws_on_partial_views_are_as_good_as_the_noise_lets_them_be():
+    """Short form of `python tests/board_draws.py 100`, with the noise of the corners that the rendered set showed."""
+    experiment = load(board_draws.CONFIG)
+    model, (lower, upper) = experiment.model, area_of(experiment.file, experiment.document, experiment.robot)
+    rng = np.random.default_rng(3)
+    q = rng.uniform(lower, upper, (400, model.robot.dof))
+    seen = np.isfinite(simulate(model, {}, q, Noise(), rng).z).mean(axis=1)
+    found = board_draws.drawn(model, q[seen > 0.4][:25], 0.0366, 4)
+    assert found.seen < 0.9
+    assert found.inside.mean() > 0.8
+    assert found.ratio.mean() == pytest.approx(1.0, abs=5 * np.sqrt(2 / (4 * 35)))
+    np.testing.assert_allclose(found.noise, 0.0366, rtol=0.08)

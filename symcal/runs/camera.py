@@ -17,7 +17,8 @@ from symcal.camera.camera import NUMBER_NAMES
 from symcal.camera.files import write_camera
 from symcal.errors import InputError
 from symcal.vision.board import detect_boards
-from symcal.vision.calibrate import K3_SIGMAS, CameraCalibration, calibrate_camera
+from symcal.vision.calibrate import CameraCalibration, calibrate_camera
+from symcal.vision.camera_fit import K3_SIGMAS
 from symcal.vision.corners import CornerList, load_corners
 from symcal.vision.fixed_terms import fixed_terms
 from symcal.vision.verdict import Verdict, judge

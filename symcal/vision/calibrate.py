@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -14,21 +13,26 @@ from symcal.camera.board import Board
 from symcal.camera.camera import INTRINSIC_NAMES, NUMBER_NAMES, Camera
 from symcal.errors import InputError, RefusedError
 from symcal.vision.board import BoardDetection, Refusal
-from symcal.vision.bundle import adjust, free_coordinates
-from symcal.vision.circles import dot_bias
-from symcal.vision.corners import CornerList, is_flat
-from symcal.vision.first_guess import first_guess
+from symcal.vision.camera_fit import (
+    Wanted,
+    covariance_of,
+    dot_radius_of,
+    fit_camera,
+    matrix_of,
+    residuals_of,
+    unbiased,
+)
+from symcal.vision.corners import CornerList, is_flat, normal_of
 from symcal.vision.fixed_terms import AUTO, fixed_terms, free_numbers
-from symcal.vision.precision import GRID, Pose, intrinsic_covariance, projected, projection_sigma
+from symcal.vision.precision import GRID, Pose, projected, projection_sigma
 from symcal.words import plural
 
 Float = NDArray[np.float64]
 
 OUTLIER_FACTOR = 3.0
 """A view is dropped when its rms exceeds this multiple of the median of all views used."""
-K3_SIGMAS = 3.0
-"""k3 is free only where it differs from zero by more than this many of its standard deviations, unless somebody says
-which terms are held. Ours."""
+UNKNOWN_FOCAL = 0.5
+"""Relative standard deviation of a focal length that is no result. Ours."""
 OUTLIER_PX = 0.01
 """A view whose rms is below this is never an outlier: exact points scatter by rounding. Ours."""
 LEAST_VIEWS = 3
@@ -98,25 +102,6 @@ class CameraCalibration:
         return tuple(view for view in self.views if view.used)
 
 
-@dataclass(frozen=True, slots=True)
-class _Fit:
-    """One bundle adjustment: camera, a pose and the points of each view, what was free."""
-
-    camera: Camera
-    poses: list[Pose]
-    points: list[Float]
-    free: NDArray[np.bool_]
-    free_points: NDArray[np.bool_] | None = None
-
-
-class _Wanted(NamedTuple):
-    """fixed: terms held at zero; None: k3 is, where the data do not determine it."""
-
-    fixed: frozenset[str] | None
-    skew: bool
-    bowed: bool
-
-
 def calibrate_camera(
     views: Sequence[BoardDetection] | CornerList,
     board: Board | None = None,
@@ -154,16 +139,20 @@ def calibrate_camera(
         source, views, fix = board, list(views), AUTO if fix is None else fix
     else:
         raise InputError("detections need the board that was detected", key="board")
-    wanted = _Wanted(fixed_terms(fix), skew, bowed)
+    wanted = Wanted(fixed_terms(fix), skew, bowed)
     least = LEAST_VIEWS if is_flat(source.points) else 1
     needed = f"{least} or more are needed"
     _require(len(views) >= least, f"{plural(len(views), 'view')} can be used, {needed}", refusals)
-    radius = _dot_radius(views, source)
+    unknowns = 6 * len(views) + int(free_numbers(wanted.fixed or frozenset(), skew).sum())
+    coordinates = 2 * sum(len(view.indices) for view in views)
+    few = f"the views have {coordinates} coordinates of points for {unknowns} unknowns: more points are needed"
+    _require(coordinates > unknowns, few, refusals)
+    radius = dot_radius_of(views, source)
     used = list(range(len(views)))
     while True:
         chosen = [views[i] for i in used]
-        fit, pixels = _fit(chosen, source, radius, wanted)
-        errors = _residuals(fit, pixels)
+        fit, pixels = fit_camera(chosen, source, radius, wanted)
+        errors = residuals_of(fit, pixels)
         rms = np.array([_rms(residuals) for residuals in errors])
         bad = outliers(rms)
         if keep_all or not bad.any():
@@ -171,9 +160,12 @@ def calibrate_camera(
         used = [index for index, drop in zip(used, bad, strict=True) if not drop]
         message = f"after dropping views with more than {OUTLIER_FACTOR:g} times the median error {len(used)} are left"
         _require(len(used) >= least, f"{message}, {needed}", refusals)
-    covariance = _covariance(fit, np.concatenate(errors))
+    covariance = covariance_of(fit, np.concatenate(errors))
     names = NUMBER_NAMES if skew else INTRINSIC_NAMES
     covariance = covariance[: len(names), : len(names)]
+    focal = np.sqrt(np.diag(covariance)[:2]) / fit.camera.intrinsics[:2]
+    blind = f"the views do not determine the focal length (to {focal.max():.0%} only): tilt the board by 30 to 45 deg"
+    _require(bool(focal.max() < UNKNOWN_FOCAL), blind, refusals)
     camera = replace(fit.camera, covariance=covariance, rms_px=_rms(np.concatenate(errors)))
     poses = dict(zip(used, fit.poses, strict=True))
     limit = f"{OUTLIER_FACTOR:g} times the median of the others ({np.median(rms):.2f} px)"
@@ -194,56 +186,6 @@ def calibrate_camera(
     )
 
 
-def _fit(
-    views: list[BoardDetection], board: Board | CornerList, radius: float | None, wanted: _Wanted
-) -> tuple[_Fit, list[Float]]:
-    """The adjustment of all stages, and the image points it rests on."""
-    pixels = [view.pixels for view in views]
-    fit = _adjust(views, pixels, board, free_numbers(wanted.fixed or frozenset(), wanted.skew))
-    if wanted.fixed is None:
-        covariance = _covariance(fit, np.concatenate(_residuals(fit, pixels)))
-        k3 = NUMBER_NAMES.index("k3")
-        if abs(fit.camera.numbers[k3]) <= K3_SIGMAS * np.sqrt(covariance[k3, k3]):
-            fit = _adjust(views, pixels, board, free_numbers(frozenset({"k3"}), wanted.skew))
-    if isinstance(board, Board):
-        for _ in range(3 if radius is not None else 0):
-            pixels = [
-                _unbiased(fit.camera, pose, view, board, radius) for pose, view in zip(fit.poses, views, strict=True)
-            ]
-            fit = _adjust(views, pixels, board, fit.free)
-    return (_bend(fit, views, pixels, board) if wanted.bowed else fit), pixels
-
-
-def _adjust(
-    views: list[BoardDetection], pixels: list[Float], board: Board | CornerList, free: NDArray[np.bool_]
-) -> _Fit:
-    """One bundle adjustment of a target as it is said to be."""
-    points = [board.points[view.indices] for view in views]
-    start = first_guess(points, pixels, views[0].size, free)
-    camera, poses, points = adjust(*start, points, pixels, free)
-    return _Fit(camera, poses, points, free)
-
-
-def _bend(fit: _Fit, views: list[BoardDetection], pixels: list[Float], board: Board | CornerList) -> _Fit:
-    if not isinstance(board, Board):
-        raise RefusedError("the shape of a board can be estimated from images of it, not from a list of corners")
-    if any(len(view.indices) < len(board.points) for view in views):
-        raise RefusedError("the shape of a board can be estimated only from views that show all of it")
-    shape = free_coordinates(board)
-    return _Fit(*adjust(fit.camera, fit.poses, fit.points, pixels, fit.free, shape), fit.free, shape)
-
-
-def _residuals(fit: _Fit, pixels: list[Float]) -> list[Float]:
-    rows = zip(fit.poses, fit.points, pixels, strict=True)
-    return [measured - projected(fit.camera, pose, points) for pose, points, measured in rows]
-
-
-def _covariance(fit: _Fit, residuals: Float) -> Float:
-    return intrinsic_covariance(
-        fit.camera, fit.poses, fit.points, residuals, free=fit.free, free_points=fit.free_points
-    )
-
-
 def _view(
     camera: Camera,
     view: BoardDetection,
@@ -260,32 +202,15 @@ def _view(
         upright[:, 0] -= camera.skew / camera.fy * (upright[:, 1] - camera.cy)
         _, turn, shift = cv2.solvePnP(points, upright, camera.matrix, np.array(camera.dist))
         pose = (np.ravel(turn).astype(float), np.ravel(shift).astype(float))
-    pixels = _unbiased(camera, pose, view, board, radius) if isinstance(board, Board) else view.pixels
+    pixels = unbiased(camera, pose, view, board, radius) if isinstance(board, Board) else view.pixels
     residuals = pixels - projected(camera, pose, points)
-    transform = _transform(pose)
+    transform = matrix_of(pose)
     middle = (transform @ [*points.mean(axis=0), 1.0])[:3]
-    tilt = float(np.arccos(np.clip(abs(transform[:3, 2] @ middle) / np.linalg.norm(middle), 0, 1)))
+    normal = transform[:3, :3] @ normal_of(board.points)
+    tilt = float(np.arccos(np.clip(abs(normal @ middle) / np.linalg.norm(middle), 0, 1)))
     own = _rms(residuals)
     reason = "" if used else f"error {own:.2f} px, more than {limit}"
     return View(view.name, view.method, transform, pixels, residuals, own, tilt, view.blur_px, used, reason)
-
-
-def _transform(pose: Pose) -> Float:
-    result = np.eye(4)
-    result[:3, :3], result[:3, 3] = cv2.Rodrigues(pose[0])[0], pose[1]
-    return result
-
-
-def _unbiased(camera: Camera, pose: Pose, view: BoardDetection, board: Board, radius: float | None) -> Float:
-    if radius is None:
-        return view.pixels
-    bias = dot_bias(camera, board, _transform(pose), view.indices, radius)
-    return view.pixels - np.nan_to_num(bias)
-
-
-def _dot_radius(views: list[BoardDetection], board: Board | CornerList) -> float | None:
-    radii = [view.radii for view in views if view.radii is not None]
-    return float(np.median(np.concatenate(radii))) * board.square if radii and isinstance(board, Board) else None
 
 
 def outliers(rms: Float) -> NDArray[np.bool_]:

@@ -87,7 +87,7 @@ def load_corners(path: Path | str, size: tuple[int, int]) -> CornerList:
             refusals.append(Refusal(view, "no board", reason))
         else:
             used.append(BoardDetection(view, size, indices, pixels[chosen], None, float("nan"), "list"))
-    note = "X, Y and Z have no unit and were taken as mm; the camera's numbers do not depend on it." if plain else ""
+    note = "The points have no unit and were taken as mm; the camera's numbers do not depend on it." if plain else ""
     return CornerList(points, tuple(first), size, tuple(used), tuple(refusals), note)
 
 
@@ -172,6 +172,13 @@ def is_flat(points: Float) -> bool:
     """Whether points, shape (n, 3), lie in one plane."""
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return bool(len(points) < 4 or spread[2] <= 1e-7 * spread[0])
+
+
+def normal_of(points: Float) -> Float:
+    """Normal of a flat target, shape (3,); the z axis of a solid one."""
+    if not is_flat(points) or not np.any(points[:, 2]):
+        return np.array([0.0, 0.0, 1.0])
+    return np.asarray(np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][2])
 
 
 def _on_a_line(places: Float) -> bool:

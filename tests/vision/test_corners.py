@@ -295,3 +295,18 @@ def test_opencvs_photographs_give_the_published_numbers(symcal_data: Path) -> No
     digits = [4, 4, 4, 4, 6, 6, 6, 6, 6]
     assert [round(float(n), d) for n, d in zip(found.camera.intrinsics, digits, strict=True)] == published
     assert round(found.camera.rms_px or 0.0, 5) == 0.19542
+
+
+def test_views_that_do_not_determine_the_camera_are_refused(rng: np.random.Generator) -> None:
+    board, frontal = BOARD.points - BOARD.points.mean(axis=0), []
+    for k, depth in enumerate((300.0, 350.0, 420.0, 500.0)):
+        turn = Rotation.from_rotvec(np.deg2rad(1.0) * np.array([np.cos(k), np.sin(k), 0.0]))
+        pixels = project_points(CAMERA, turn.apply(board) + np.array([0, 0, depth]))
+        frontal.append((np.arange(54), pixels + 0.1 * rng.standard_normal(pixels.shape)))
+    with pytest.raises(RefusedError, match="do not determine the focal length"):
+        calibrate_camera(corner_list(board, frontal), fix="k1,k2,k3,p1,p2")
+    with pytest.raises(RefusedError, match="do not determine"):
+        calibrate_camera(corner_list(board, [frontal[0]] * 3))
+    few = [(ids[[0, 8, 45, 53]], pixels[[0, 8, 45, 53]]) for ids, pixels in frontal[:3]]
+    with pytest.raises(RefusedError, match="24 coordinates of points for 27 unknowns"):
+        calibrate_camera(corner_list(board, few))

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 
 import board_draws
+import camera_scenes
 import cv2
 import numpy as np
 import pytest
@@ -22,9 +24,12 @@ from symcal.config.conversion import area_of, load_experiment
 from symcal.data.measurement_file import load_measurements
 from symcal.errors import InputError, RefusedError
 from symcal.instruments.noise import Noise
+from symcal.model.model import build_model
+from symcal.model.task import Scene, pixels_task
 from symcal.robot.robot import save_robot
 from symcal.runs.load import load
 from symcal.runs.run import run
+from symcal.vision.render import render_discs
 
 SIGMA = np.array([0.5, 0.5, 0.5, 0.5, 1e-3, 4e-3, 1e-4, 1e-4, 0.0])
 SWAPPED = {3: 17, 17: 3, 8: 30, 30: 8}
@@ -189,6 +194,50 @@ def test_experiments_that_do_not_fit_their_images_are_refused(folder, tmp_path, 
     with pytest.raises((InputError, RefusedError), match=message):
         run(tmp_path / "e.yaml", tmp_path / "run")
     assert not (tmp_path / "run").exists()
+
+
+def test_discs_are_measured_in_an_experiment_too(tmp_path):
+    """The short form: a camera beside the robot, which nobody has placed, and three discs on the tool."""
+    lens = camera_scenes.small_camera()
+    scene = Scene(lens, camera_scenes.target(), camera_scenes.T_WORLD_CAMERA)
+    model = build_model(camera_scenes.ROBOT, pixels_task(scene, ("tool", "camera")))
+    q = camera_scenes.poses(model, 12, np.random.default_rng(6))
+    true = camera_scenes.target_poses(model, q, model.parameters.vector(camera_scenes.TRUTH), model.setup)
+    rows = ["image,q1_rad,q2_mm,q3_mm,q4_rad,q5_rad"]
+    for i, pose in enumerate(true):
+        picture = render_discs(lens, camera_scenes.target(), pose, np.random.default_rng(i))
+        cv2.imwrite(str(tmp_path / f"{i}.png"), picture if i != 4 else np.zeros_like(picture))
+        rows.append(",".join([f"{i}.png", *(repr(float(value)) for value in q[i])]))
+    (tmp_path / "joints.csv").write_text("\n".join(rows) + "\n")
+    write_camera(tmp_path / "camera.yaml", lens)
+    write_target(tmp_path / "target.yaml", camera_scenes.target())
+    save_robot(camera_scenes.ROBOT, tmp_path / "robot.yaml")
+    short = {"type": "pixels", "camera": "camera.yaml", "target": "target.yaml", "estimate": ["camera", "tool"]}
+    content = experiment(tmp_path) | {
+        "measurement": short,
+        "data": {"source": "images", "files": ".", "joints": "joints.csv"},
+    }
+    del content["measurements"]
+    (tmp_path / "e.yaml").write_text(yaml.safe_dump(content))
+    out, results = run(tmp_path / "e.yaml", tmp_path / "run")
+    facts = results["measured_images"]["pixels"]
+    assert (facts["given"], facts["measured"]) == (12, 11)
+    assert "the camera was found at" in facts["where"]
+    assert "not measured: 4.png: black image" in " ".join(results["warnings"])
+    assert results["identification"]["noise_sigma_px"] < 0.05
+    assert len(load_measurements(out / "measurements.csv", camera_scenes.ROBOT, "pixels")) == 11
+
+
+def test_two_cameras_do_not_share_their_images(folder, tmp_path):
+    place, _ = folder
+    content = experiment(place)
+    entry = content["measurements"]["camera"]
+    content["data"] = entry.pop("data")
+    content["data"]["files"] = [str(place / "images" / f"{i:02d}.png") for i in range(9, 16)]
+    content["measurements"]["other"] = deepcopy(entry)
+    (tmp_path / "e.yaml").write_text(yaml.safe_dump(content))
+    with pytest.raises(InputError, match="'other' would be measured in the images of 'camera'"):
+        run(tmp_path / "e.yaml", tmp_path / "run")
 
 
 def test_the_shipped_experiment_with_few_poses(configs, tmp_path):

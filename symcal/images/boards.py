@@ -39,6 +39,7 @@ Progress = Callable[[str], None]
 _BLAS = ThreadpoolController()
 
 _LOOKED_AT = 3  # images in which another board is looked for, where the one said is not seen
+_FAR_OFF = 20.0  # mm: robots are rarely off so far at nominal
 _SEED = 1  # of the draws of the consensus: the same images always give the same points
 
 
@@ -217,6 +218,11 @@ def _compared(
         raise RefusedError(
             f"by the robot's motion the board is about {found.scale:.2f} times as large as said: its squares measure "
             f"{found.scale * board.square:.3g} mm and not {board.square:g} mm, or the robot file's lengths are wrong"
+        )
+    if found.typical > _FAR_OFF:
+        notes.append(
+            f"views and joint readings agree to {found.typical:.0f} mm only: look at the robot file, the signs of the "
+            "joints and the camera file"
         )
     foreign = foreign_views(found, own, np.array([pose.sigma for _, pose in kept]))
     others, more = foreign_reasons(foreign, shots, own.tolist(), names, found)

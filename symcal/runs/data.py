@@ -98,6 +98,13 @@ def measurements(
             raise document.error(message, key)
         here: Key = ("data",) if own is file.data else ("measurements", o.of, "data")
         if isinstance(own, ImagesData):
+            shown = (own.joints, *own.listed)
+            if shown in seen:
+                message = (
+                    f"'{o.name}' would be measured in the same images as '{seen[shown]}': give each its own 'data'"
+                )
+                raise document.error(message, (*here, "files"))
+            seen[shown] = o.name
             measured, joints = _measured(o, own, document, here, model, progress)
             images.append(measured)
             sets.append(measured.data)

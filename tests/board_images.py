@@ -60,7 +60,8 @@ def views(
 ) -> Views:
     """Random views of a board about 400 mm before the camera, of which at least a share of the points is seen."""
     centre = board.points.mean(axis=0)
-    front = spatial.transform(np.eye(3), np.array([0.0, 0.0, 400.0]) - centre)
+    turned = np.diag([1.0, board.facing * -1.0, board.facing * -1.0])  # its printed side to the camera
+    front = spatial.transform(turned, np.array([0.0, 0.0, 400.0]) - turned @ centre)
     middle = flange_poses(ARM, MIDDLE[None])[0]
     q = MIDDLE + rng.uniform(-spread, spread, (400 * count, 6))
     flange = true_flange(q, rng)
@@ -73,7 +74,7 @@ def views(
     points = np.einsum("nij,kj->nki", poses[:, :3, :3], board.points) + poses[:, None, :3, 3]
     pixels = project_points(lens, points)
     seen = in_image(lens, pixels, 5.0)
-    facing = poses[:, 2, 2] > 0.6
+    facing = -board.facing * poses[:, 2, 2] > 0.6
     far = np.linalg.norm(poses[:, :3, 3], axis=1) < 700
     good = np.flatnonzero((seen.mean(axis=1) >= least) & facing & far)[:count]
     assert len(good) == count

@@ -38,7 +38,7 @@ Progress = Callable[[str], None]
 
 _BLAS = ThreadpoolController()
 
-_LOOKED_AT = 3  # images in which another board is looked for, where the one said is not seen
+_LOOKED_AT = 3  # images in which another board is looked for
 _FAR_OFF = 20.0  # mm: robots are rarely off so far at nominal
 _SEED = 1  # of the draws of the consensus: the same images always give the same points
 
@@ -122,7 +122,7 @@ def _detected(
             stated = f"the camera file says {camera.width} x {camera.height} px"
             failures.append((shot.name, f"another camera: the image is {sizes[-1]}, {stated}"))
             continue
-        if not views and len(others) < _LOOKED_AT:
+        if len(others) < _LOOKED_AT and not (views and board.kind == "chessboard"):
             others.append(other_size(image, board))
             _insist_on_board(others, board)
         found = detect_board(image, board, shot.name)

@@ -30,6 +30,7 @@ from symcal.planning.plan_constraints import asked_view
 from symcal.planning.visibility import within_limits
 from symcal.robot.robot import Robot
 from symcal.runs.camera import image_files
+from symcal.runs.load import Experiment
 
 Progress = Callable[[str], None]
 
@@ -133,6 +134,31 @@ def measurements(
     if images and "train" not in measured_data.split:
         raise RefusedError("no pose is for training: none of those that the joints file calls so was measured")
     return MeasuredData(measured_data, tuple(dict.fromkeys(paths)), images=tuple(images))
+
+
+def describe_data(experiment: Experiment) -> tuple[str, ...]:
+    """What the file of measurements holds and what looks wrong in it, or that it is not there.
+
+    Raises:
+        InputError: it is there and cannot be read.
+    """
+    given = [source for source in config.sources(experiment.file).values() if source is not None]
+    if not given:
+        return ()
+    for source in given:
+        try:
+            if isinstance(source, ImagesData):
+                config.existing(experiment.document, source.joints, ("data", "joints"), "file of joint readings")
+            else:
+                config.existing(experiment.document, source.file, ("data", "file"), "file of measurements")
+        except InputError as error:
+            return (str(error),)
+    if any(isinstance(source, ImagesData) for source in given):
+        return ("images are measured when the experiment is run",)
+    rng = np.random.default_rng(experiment.seed)
+    measured = measurements(experiment.file, experiment.document, experiment.model, rng).data
+    counts = [f"{measured.split.count(s)} {s}" for s in ("train", "test", "unused") if s in measured.split]
+    return (f"{len(measured)} poses ({', '.join(counts)})", *measured.notes)
 
 
 def _measured(

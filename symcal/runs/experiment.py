@@ -16,11 +16,11 @@ from symcal.calibration.compensation_check import POSES, Handover, hand_over
 from symcal.calibration.evaluate import Errors, evaluate_each, expected_position_rms, judging
 from symcal.calibration.identify import Calibration, baseline_model, calibrate
 from symcal.config import conversion as config
-from symcal.config.conversion import ExperimentFile, FileData, ImagesData, RenderedData, SimulatedData
+from symcal.config.conversion import ExperimentFile, FileData, RenderedData, SimulatedData
 from symcal.data.dataset import Dataset
 from symcal.data.saved_measurements import save_measurements
 from symcal.documents.document import write_document
-from symcal.errors import InputError, RefusedError
+from symcal.errors import RefusedError
 from symcal.export.results import correction_facts, handover_facts
 from symcal.images.entries import EntryImages, measured_head
 from symcal.images.facts import camera_facts, point_facts
@@ -180,31 +180,6 @@ def _handover(experiment: Experiment, calibration: Calibration, truth: Robot, rn
     return hand_over(
         calibration.robot, truth, joints, own, aligned=experiment.model.task.base or experiment.model.measurement.adrift
     )
-
-
-def describe_data(experiment: Experiment) -> tuple[str, ...]:
-    """What the file of measurements holds and what looks wrong in it, or that it is not there.
-
-    Raises:
-        InputError: it is there and cannot be read.
-    """
-    given = [source for source in config.sources(experiment.file).values() if source is not None]
-    if not given:
-        return ()
-    for source in given:
-        try:
-            if isinstance(source, ImagesData):
-                config.existing(experiment.document, source.joints, ("data", "joints"), "file of joint readings")
-            else:
-                config.existing(experiment.document, source.file, ("data", "file"), "file of measurements")
-        except InputError as error:
-            return (str(error),)
-    if any(isinstance(source, ImagesData) for source in given):
-        return ("images are measured when the experiment is run",)
-    rng = np.random.default_rng(experiment.seed)
-    measured = measurements(experiment.file, experiment.document, experiment.model, rng).data
-    counts = [f"{measured.split.count(s)} {s}" for s in ("train", "test", "unused") if s in measured.split]
-    return (f"{len(measured)} poses ({', '.join(counts)})", *measured.notes)
 
 
 def plan_of(experiment: Experiment, progress: Progress) -> Planned | None:

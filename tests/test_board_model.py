@@ -107,9 +107,9 @@ def test_readings_slopes_and_errors_are_those_of_the_one_expression(both: tuple[
     assert (found.unit, found.names) == ("mm", ("x", "y", "z"))
 
 
-def test_trackers_read_many_points_in_stages_too(rng_seed: int = 6) -> None:
+def test_trackers_read_many_points_in_stages_too() -> None:
     """A kind without numbers of its own, whose noise is by axis or not: thirteen spheres on a plate."""
-    rng = np.random.default_rng(rng_seed)
+    rng = np.random.default_rng(6)
     points = {f"P{i}": tuple(p) for i, p in enumerate(rng.uniform(-100, 100, (13, 3)).tolist())}
     few = dict(list(points.items())[:12])
     models = []

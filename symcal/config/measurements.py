@@ -208,7 +208,13 @@ class TargetConfig(PlaceConfig):
     file: str | None = None
     board: str | None = None
     incidence: Positive | None = None
-    seen: Literal["whole"] | Annotated[int, Field(ge=4)] | None = None
+    seen: (
+        Annotated[
+            Annotated[Literal["whole"], Tag("word")] | Annotated[int, Field(ge=4), Tag("given")],
+            Discriminator(word_or_given),
+        ]
+        | None
+    ) = None
 
     @property
     def to_be_found(self) -> bool:

@@ -12,7 +12,7 @@ from symcal.model.stages import Stages
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-_CHUNK = 512  # poses at once: their points stay in the processor's cache
+_CHUNK = 64  # poses at once: their points stay in the cache of a processor
 Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
 """Pose and point of everything that was seen."""
 

@@ -33,6 +33,7 @@ _JUDGES = 40  # poses whose image points judge each try
 _POINTS = 16  # points of each that do, or a few more
 _ROUNDS = 6
 _KEPT = 3
+ODD = 6.0  # medians of all views: what errors of the nominal robot do not make of a few of them
 _SAME = 1e-3  # mm and rad of two solutions that are one
 
 
@@ -152,10 +153,13 @@ def _refined(
     x: Array,
     solve: Callable[[Array, Array], tuple[Array, Array]],
 ) -> CameraPlacement:
-    """All poses take the choice that is nearest to the prediction, and give better B and X, until none changes."""
+    """All poses take the choice that is nearest to the prediction; those that agree give better B and X, until none
+    changes."""
     last: list[int] = []
     for _ in range(_ROUNDS):
         predicted = b @ flange @ x
+        off = _errors(camera, target.points, predicted, pixels)
+        agree = np.flatnonzero(off <= ODD * np.median(off))
         nearest = [
             int(np.linalg.norm((found - pose)[:, :3, :3], axis=(1, 2)).argmin())
             for found, pose in zip(choices, predicted, strict=True)
@@ -163,10 +167,10 @@ def _refined(
         if nearest == last:
             break
         last = nearest
-        b, x = solve(flange, np.array([found[k] for found, k in zip(choices, nearest, strict=True)]))
+        b, x = solve(flange[agree], np.array([choices[i][nearest[i]] for i in agree.tolist()]))
     errors = _errors(camera, target.points, b @ flange @ x, pixels)
-    rms = float(np.sqrt(np.mean(errors**2)))
-    return CameraPlacement(spatial.inverse(b), x, rms if np.isfinite(rms) else np.inf)
+    rms = float(np.sqrt(np.mean(np.minimum(errors, camera.width + camera.height) ** 2)))
+    return CameraPlacement(spatial.inverse(b), x, rms if np.isfinite(np.median(errors)) else np.inf)
 
 
 def _solver(base: Array | None, mount: Array | None) -> Callable[[Array, Array], tuple[Array, Array]]:

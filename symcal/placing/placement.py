@@ -78,9 +78,9 @@ def placed(model: Model, data: Dataset, options: Options) -> Placed:
         options = replace(options, sigma={})
     nominal = State(model, model.setup, np.zeros(len(model.parameters)))
     start = _start(nominal, data, free, options)
-    found = _fit(replace(nominal, setup=start.setup), data, free, options)
-    setup = _found(model, found, free)
-    return Placed(setup, start.searches, disagreements(model, data, setup))
+    odd, agreeing = disagreements(model, data, start.setup)
+    found = _fit(replace(nominal, setup=start.setup), agreeing, free, options)
+    return Placed(_found(model, found, free), start.searches, odd)
 
 
 def settled(state: State, data: Dataset) -> State:

@@ -26,7 +26,7 @@ from symcal.planning.subspace_rows import SubspaceRows, subspace_rows
 
 Array = NDArray[np.float64]
 
-_CHUNK = 512  # poses at once: some ten thousand points
+_CHUNK = 64  # poses at once: their points stay in the cache of a processor
 
 
 @dataclass(frozen=True, slots=True)

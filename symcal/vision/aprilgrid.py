@@ -94,7 +94,9 @@ def _tags(image: Image, board: Board, border: int) -> _Tags:
         return tags
     reach = 0.5 * float(np.median(_sides(tags)))  # wide: the lens bends the plane
     points = np.concatenate([board.points[corner_indices(board, number), :2] for number in kept])
-    _, flat = cv2.findHomography(points, tags.corners.reshape(-1, 2), cv2.RANSAC, reach)
+    plane, flat = cv2.findHomography(points, tags.corners.reshape(-1, 2), cv2.RANSAC, reach)
+    if plane is None:
+        return _Tags(tags.numbers[:0], tags.corners[:0])
     whole = np.asarray(flat).reshape(-1, 4).all(axis=1)
     return _Tags(tags.numbers[whole], tags.corners[whole])
 

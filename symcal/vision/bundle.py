@@ -17,6 +17,7 @@ Float = NDArray[np.float64]
 _State = tuple[Camera, list[Pose], list[Float]]
 
 _STEPS = 50
+_ROUNDING = 1e-13  # of a sum of squares
 
 
 def free_coordinates(board: Board) -> NDArray[np.bool_]:
@@ -56,7 +57,7 @@ def adjust(
     version 5.0.
     """
     state: _State = (camera, list(poses), list(points))
-    cost = _cost(state, pixels)
+    cost, settled = _cost(state, pixels), False
     for _ in range(_STEPS):
         blocks = [view_jacobians(state[0], *at, free, free_points) for at in zip(*state[1:], strict=True)]
         errors = [residuals.ravel() for residuals in _residuals(state, pixels)]
@@ -66,15 +67,16 @@ def adjust(
         step = np.linalg.lstsq(stack / scale, right, rcond=None)[0] / scale
         moves = [np.linalg.lstsq(r, q.T @ (e - a @ step))[0] for (q, r, a), e in zip(blocks, errors, strict=True)]
         share, new, new_cost = 2.0, state, np.inf
-        while new_cost > cost and share > 1e-6:
+        while new_cost > cost * (1 + _ROUNDING) and share > 1e-6:
             share /= 2
             new = _moved(state, free, free_points, share * step, [share * move for move in moves])
             new_cost = _cost(new, pixels)
-        if new_cost > cost:
+        if new_cost > cost * (1 + _ROUNDING):
             return state
-        settled = cost - new_cost <= 1e-15 * cost
+        # The cost is flat at its minimum: a step that no longer lowers it still moves closer.
+        last, settled = settled, cost - new_cost <= 1e-12 * cost
         state, cost = new, new_cost
-        if settled:
+        if last and settled:
             return state
     raise RefusedError("the views do not determine the camera (or the shape of the board): take more, tilted")
 

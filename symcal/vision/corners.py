@@ -46,7 +46,8 @@ class CornerList:
 def load_corners(path: Path | str, size: tuple[int, int]) -> CornerList:
     """Read a list of corners: columns view, id, X, Y, u, v, and Z for a target that is not flat.
 
-    Lengths are in the unit of the column's name (X_mm, X_m), and in mm where it has none; u and v are in px.
+    Lengths are in the unit of the column's name (X_mm, X_m), and in mm where it has none; u and v are in px. All are
+    rounded to single precision, as OpenCV takes them: 3e-5 px at 500 px, and the same numbers come out to all digits.
 
     Args:
         size: (width, height) of the image, px: the list does not tell it.
@@ -127,7 +128,9 @@ def _numbers(table: Table, name: str, kinds: dict[str, float], what: str) -> Flo
     if not given:
         raise table.missing(f"'{name}' of {what}", [name], kinds)
     column, unit = stems[given[0]]
-    return table.numbers(column) if unit is None else table.quantity(given[0], kinds, f"'{name}' of {what}")
+    if unit is not None and unit not in kinds:
+        return table.quantity(given[0], kinds, f"'{name}' of {what}")  # says so
+    return table.numbers(column).astype(np.float32).astype(np.float64) * (1.0 if unit is None else kinds[unit])
 
 
 def _require_inside(table: Table, pixels: Float, size: tuple[int, int]) -> None:

@@ -25,7 +25,7 @@ def fixed_terms(given: str | Iterable[str]) -> frozenset[str] | None:
         return None if names == [AUTO] else frozenset()
     for name in names:
         if name not in FIXABLE:
-            message = f"no term of the lens that can be held at zero: {', '.join(FIXABLE)}, none or {AUTO}"
+            message = "no term of the lens that can be held at zero (none: no term is)"
             raise InputError(message, key="fix", found=name, allowed=FIXABLE)
     return frozenset(names)
 

@@ -89,7 +89,7 @@ def test_every_choice_of_fixed_terms_agrees_with_opencv(
     found = calibrate_camera(corners, fix=",".join(fixed))
     rms, numbers, sigma = opencv(BOARD.points, seen, sum(FLAGS[name] for name in fixed))
     assert found.camera.rms_px == pytest.approx(rms, rel=1e-9)
-    assert np.all(np.abs(found.camera.intrinsics - numbers) <= 2e-6 * sigma)  # a digit or two beyond those printed
+    assert np.all(np.abs(found.camera.intrinsics - numbers) <= 5e-6 * sigma)  # OpenCV itself varies by 2e-6
     assert found.sigma == pytest.approx(sigma, rel=1e-5, abs=1e-12)
     held = {name for names in fixed for name in names.split(",")}
     assert set(found.free) == set(INTRINSIC_NAMES) - held
@@ -310,3 +310,15 @@ def test_views_that_do_not_determine_the_camera_are_refused(rng: np.random.Gener
     few = [(ids[[0, 8, 45, 53]], pixels[[0, 8, 45, 53]]) for ids, pixels in frontal[:3]]
     with pytest.raises(RefusedError, match="24 coordinates of points for 27 unknowns"):
         calibrate_camera(corner_list(board, few))
+
+
+def test_numbers_of_any_precision_and_unit_give_opencvs_numbers(rng: np.random.Generator, tmp_path: Path) -> None:
+    """OpenCV rounds to float32, in the unit that it is given."""
+    inches = BOARD.points[:, :2] / 25.4 + 1 / 3
+    seen = [(ids, pixels + 1e-5 * rng.standard_normal(pixels.shape)) for ids, pixels in partial_views(rng)]
+    points = np.column_stack([inches, np.zeros(len(inches))])
+    file = written(tmp_path / "c.csv", points, seen, "X_in,Y_in,Z_in,u,v")
+    found = calibrate_camera(load_corners(file, (1000, 800)), fix="p1,p2,k3")
+    rms, numbers, sigma = opencv(points, seen, cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K3)
+    assert found.camera.rms_px == pytest.approx(rms, rel=1e-9)
+    assert np.all(np.abs(found.camera.intrinsics - numbers) <= 5e-6 * sigma)

@@ -32,7 +32,38 @@ def foreign_reasons(
             "images and joint readings do not belong together: as this robot moves, most images are off by more than "
             f"{found.typical:.0f} mm; look at names, units and signs of the joint readings, and at the robot file"
         )
-    by_view = {each.view: each for each in foreign}
+    reasons, notes = _swapped(foreign, shots, own, names)
+    for run in _runs([each for each in foreign if each.view not in reasons], own):
+        first, last, shift = names[run[0].view], names[run[-1].view], _shift(run[0], own)
+        how = f"shifted by {_COUNTS.get(abs(shift), str(abs(shift)))}"
+        far = "" if abs(shift) == 1 else f"{_COUNTS.get(abs(shift), str(abs(shift)))} "
+        whose = f"the pose {far}before" if shift < 0 else f"the pose {far}later" if far else "the next pose"
+        notes.append(f"images {first} to {last} are {how}: each fits the joints of {whose}")
+        reasons |= {each.view: f"the names of {first} to {last} are {how}" for each in run}
+    for each in foreign:
+        if each.view in reasons:
+            continue
+        if each.fits is None:
+            others = f"others about {found.typical:.1f} mm"
+            reasons[each.view] = f"it fits no pose: it is {each.off:.0f} mm off its own, {others}"
+        else:
+            reasons[each.view] = (
+                f"it fits the joints of pose {shots.labels[each.fits]}, not those of its name "
+                f"({each.there:.1f} mm off, and {each.off:.0f} mm)"
+            )
+    if len(foreign) > _DOUBTED * len(names):
+        said = notes or [f"{names[view]}: {reason}" for view, reason in list(reasons.items())[:5]]
+        raise RefusedError(
+            f"{len(foreign)} of {plural(len(names), 'image')} do not fit the joint readings of their names: "
+            + "; ".join(said)
+        )
+    return reasons, notes
+
+
+def _swapped(
+    foreign: Sequence[Foreign], shots: Shots, own: Sequence[int], names: Sequence[str]
+) -> tuple[dict[int, str], list[str]]:
+    """Reasons of the views that fit each other's pose, and a sentence for each pair."""
     by_row = {own[each.view]: each for each in foreign}
     reasons: dict[int, str] = {}
     notes: list[str] = []
@@ -46,30 +77,6 @@ def foreign_reasons(
                 f"image {names[each.view]} fits the joints of {_pose(shots, other, own)} and {names[other.view]} those "
                 f"of {_pose(shots, each, own)}: the two names are swapped"
             )
-    for run in _runs([each for each in foreign if each.view not in reasons], own):
-        first, last, shift = names[run[0].view], names[run[-1].view], _shift(run[0], own)
-        how = f"shifted by {_COUNTS.get(abs(shift), str(abs(shift)))}"
-        whose = f"{'the next' if shift > 0 else 'the last'} pose" if abs(shift) == 1 else f"the pose {abs(shift)} "
-        whose += "" if abs(shift) == 1 else "later" if shift > 0 else "before"
-        notes.append(f"images {first} to {last} are {how}: each fits the joints of {whose}")
-        for each in run:
-            reasons[each.view] = f"the names of {first} to {last} are {how}"
-    for view, each in by_view.items():
-        if view in reasons:
-            continue
-        if each.fits is None:
-            reasons[view] = f"it fits no pose: it is {each.off:.0f} mm off its own, others about {found.typical:.1f} mm"
-        else:
-            reasons[view] = (
-                f"it fits the joints of pose {shots.labels[each.fits]}, not those of its name "
-                f"({each.there:.1f} mm off, and {each.off:.0f} mm)"
-            )
-    if len(foreign) > _DOUBTED * len(names):
-        said = notes or [f"{names[view]}: {reason}" for view, reason in list(reasons.items())[:5]]
-        raise RefusedError(
-            f"{len(foreign)} of {plural(len(names), 'image')} do not fit the joint readings of their names: "
-            + "; ".join(said)
-        )
     return reasons, notes
 
 

@@ -236,7 +236,7 @@ def test_two_cameras_do_not_share_their_images(folder, tmp_path):
     content["data"]["files"] = [str(place / "images" / f"{i:02d}.png") for i in range(9, 16)]
     content["measurements"]["other"] = deepcopy(entry)
     (tmp_path / "e.yaml").write_text(yaml.safe_dump(content))
-    with pytest.raises(InputError, match="'other' would be measured in the images of 'camera'"):
+    with pytest.raises(InputError, match="'other' would be measured in the same images as 'camera'"):
         run(tmp_path / "e.yaml", tmp_path / "run")
 
 

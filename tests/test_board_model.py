@@ -17,7 +17,7 @@ from symcal.fit.noise import Loss
 from symcal.fit.residual_rows import rows_of
 from symcal.instruments import kind_named, seen_by
 from symcal.model.model import Model, State, build_model
-from symcal.model.observe import alike
+from symcal.model.stages import alike
 
 Array = NDArray[np.float64]
 SIGMA = 0.1

@@ -172,7 +172,8 @@ class Measurement:
     @property
     def adrift(self) -> bool:
         """Nothing but the instruments says where the world is: errors are meant after one rigid alignment."""
-        loose = [o.at.unknown and not o.at.moves for o in self.observations if not (o.riding or o.reports != "target")]
+        own = [o for o in self.observations if o.reports == "target"]
+        loose = [o.target.at.unknown if o.riding else o.at.unknown and not o.at.moves for o in own]
         return bool(loose) and all(loose)
 
     def per_component(self, values: Mapping[str, float]) -> Array:

@@ -25,7 +25,7 @@ from symcal.model.facing import limits_of, margins_of
 from symcal.model.measurement import Group, Measurement, Part
 from symcal.model.observation import Observation, Place, Target
 from symcal.model.staged_kernel import StagedKernel, staged_kernel
-from symcal.model.stages import stages
+from symcal.model.stages import alike, stages
 
 SX = ca.SX
 
@@ -312,19 +312,6 @@ def numbers_of(observations: tuple[Observation, ...]) -> dict[str, float]:
         for o in observations
         for name, value in zip(o.instrument.own, o.instrument.numbers, strict=True)
     }
-
-
-def alike(points: np.ndarray) -> np.ndarray:
-    """Few points that stand for many: of the same mean and second moments, shape (2 d, 3) for points in d dimensions.
-
-    So the rms over them of whatever moves like a rigid body is that over all of them.
-    """
-    centre = points.mean(axis=0)
-    _, size, axes = np.linalg.svd(points - centre, full_matrices=False)
-    spread = size / np.sqrt(len(points))
-    kept = spread > 1e-9 * spread[0]
-    arms = np.sqrt(kept.sum()) * spread[kept, None] * axes[kept]
-    return np.vstack([centre + arms, centre - arms])
 
 
 def _axes_along(axis: tuple[float, float, float]) -> np.ndarray:

@@ -12,7 +12,7 @@ from symcal.model.stages import Stages
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-_CHUNK = 64  # poses at once: their points stay in the cache of a processor
+_AT_ONCE = 6000  # points: as many stay in the cache of a processor
 Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
 """Pose and point of everything that was seen."""
 
@@ -87,6 +87,11 @@ class StagedKernel:
     columns: NDArray[np.intp]
     points: Array
 
+    @property
+    def chunk(self) -> int:
+        """Poses that are best evaluated at once, where there are very many."""
+        return max(_AT_ONCE // len(self.points), 1)
+
     def __call__(self, q: Array, x: Array, setup: Array, z: Array) -> tuple[Array, Array]:
         found = self.twists(q, x, setup, z)
         return found.r, found.jacobian
@@ -130,8 +135,8 @@ class StagedKernel:
         return np.asarray(found.reshape(len(q), len(self.points) * found.shape[1]))
 
     def _each(self, function: BatchFunction, q: Array, x: Array, setup: Array) -> Array:
-        if len(q) > _CHUNK and x.ndim == 1:
-            parts = np.array_split(q, -(-len(q) // _CHUNK))
+        if len(q) > self.chunk and x.ndim == 1:
+            parts = np.array_split(q, -(-len(q) // self.chunk))
             return np.concatenate([self._each(function, part, x, setup) for part in parts])
         place, _, own, _ = self._posed(q, x, setup)
         at = self._pairs(len(q), None)

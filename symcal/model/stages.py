@@ -101,6 +101,19 @@ def stages(
     )
 
 
+def alike(points: Array) -> Array:
+    """Few points that stand for many: of the same mean and second moments, shape (2 d, 3) for points in d dimensions.
+
+    So the rms over them of whatever moves like a rigid body is that over all of them.
+    """
+    centre = points.mean(axis=0)
+    _, size, axes = np.linalg.svd(points - centre, full_matrices=False)
+    spread = size / np.sqrt(len(points))
+    kept = spread > 1e-9 * spread[0]
+    arms = np.sqrt(kept.sum()) * spread[kept, None] * axes[kept]
+    return np.vstack([centre + arms, centre - arms])
+
+
 def _point(place: SX, c: SX) -> tuple[SX, SX, SX]:
     """R, R c and p + R c."""
     rotation = ca.reshape(place[:9], 3, 3)

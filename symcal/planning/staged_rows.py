@@ -26,8 +26,6 @@ from symcal.planning.subspace_rows import SubspaceRows, subspace_rows
 
 Array = NDArray[np.float64]
 
-_CHUNK = 64  # poses at once: their points stay in the cache of a processor
-
 
 @dataclass(frozen=True, slots=True)
 class StagedRows:
@@ -97,14 +95,18 @@ class _Staged:
         return min(len(self.sigma), 6 + len(self.kernel.columns))
 
     def full(self, poses: Array) -> Array:
-        return np.concatenate([self._triangles(part) for part in _parts(poses)])
+        return np.concatenate([self._triangles(part) for part in self._parts(poses)])
 
     def weighted(self, poses: Array, lifted: Array) -> Array:
-        return np.concatenate([self._values(part, lifted) for part in _parts(poses)])
+        return np.concatenate([self._values(part, lifted) for part in self._parts(poses)])
 
     def weighted_gradient(self, poses: Array, lifted: Array) -> tuple[Array, Array]:
-        found = [self._gradient(part, lifted) for part in _parts(poses)]
+        found = [self._gradient(part, lifted) for part in self._parts(poses)]
         return np.concatenate([value for value, _ in found]), np.concatenate([slope for _, slope in found])
+
+    def _parts(self, poses: Array) -> Iterator[Array]:
+        for start in range(0, max(len(poses), 1), self.kernel.chunk):
+            yield poses[start : start + self.kernel.chunk]
 
     def _seen(self, poses: Array) -> NDArray[np.bool_]:
         """Which points can be read, shape (N, K)."""
@@ -213,8 +215,3 @@ def _point_pullback(planned: ca.Function) -> ca.Function:
     adjoint = ca.SX.sym("adjoint", *slopes.shape)
     slope = ca.cse(ca.densify(ca.gradient(ca.dot(ca.vec(slopes), ca.vec(adjoint)), place)))
     return ca.Function("point_pullback", [place, c, own, adjoint], [slope])
-
-
-def _parts(poses: Array) -> Iterator[Array]:
-    for start in range(0, max(len(poses), 1), _CHUNK):
-        yield poses[start : start + _CHUNK]

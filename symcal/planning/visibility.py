@@ -19,7 +19,7 @@ from symcal.planning.constraints import Constraint
 Array = NDArray[np.float64]
 
 _FAR = 1e9  # outside, of a point that cannot be projected
-_PART = 256  # poses at once
+_PART = 1024  # poses at once
 
 
 def visibility(

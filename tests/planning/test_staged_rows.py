@@ -125,7 +125,9 @@ def test_a_plan_beats_random_postures_as_it_foretold(around: tuple[Model, Workin
     model, area, info = around
     rng, can = np.random.default_rng(7), feasible(within_limits(model))
     region = area_region(area, rng, feasible=can, count=200)
-    plan = select_poses(info, 20, rng, method="exchange", region=region, feasible=can, sample=400, random=20)
+    plan = select_poses(
+        info, 20, rng, method="exchange", region=region, aligned=True, feasible=can, sample=400, random=20
+    )
     assert can(plan.poses).all()
     foretold = plan.prediction.mean_pose_rms_mm
     assert plan.random is not None

@@ -86,8 +86,8 @@ if TYPE_CHECKING:
     from symcal.vision.corners import load_corners as load_corners
 
 _HOME = {
-    "calibrate_camera": "vision.calibrate",
     "Board": "camera.board",
+    "calibrate_camera": "vision.calibrate",
     "compensate": "compensation.compensate",
     "detect_boards": "vision.board",
     "load_corners": "vision.corners",

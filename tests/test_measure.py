@@ -12,7 +12,8 @@ from camera_scenes import ROBOT, T_WORLD_CAMERA, TRUTH, poses, small_camera, tar
 from symcal.camera.camera import project_points
 from symcal.camera.target import Target
 from symcal.errors import InputError, RefusedError
-from symcal.images.measure import Shot, measure_images, read_shots
+from symcal.images.measure import measure_images
+from symcal.images.shots import Shot, read_shots
 from symcal.model.model import build_model
 from symcal.model.task import Scene, pixels_task
 from symcal.vision.render import Look, render_discs
@@ -100,9 +101,9 @@ def test_every_image_that_fails_is_named_with_its_reason(scene, tmp_path):
     table = tmp_path / "joints.csv"
     head = "image,q1_rad,q2_mm,q3_mm,q4_rad,q5_rad"
     table.write_text("\n".join([head, *(f"{name},{readings}" for name in names)]) + "\n")
-    shots, left = read_shots(table, ROBOT, files)
-    assert dict(left).keys() == {"missing.png", "stray.png"}
-    found = measure_images(shots, ROBOT, LENS, target(), T_world_camera=T_WORLD_CAMERA)
+    table = read_shots(table, ROBOT, files)
+    assert dict(table.left).keys() == {"missing.png", "stray.png"}
+    found = measure_images(table.shots, ROBOT, LENS, target(), T_world_camera=T_WORLD_CAMERA)
     assert found.images == ("good.png",)
     reasons = dict(found.failures)
     assert reasons.keys() == {*bad, "text.png", "cut.png"}

@@ -61,7 +61,7 @@ def check(
     from symcal.documents.document import read_document
     from symcal.robot.robot import load_robot
     from symcal.runs.check import check_model, check_robot
-    from symcal.runs.experiment import describe_data
+    from symcal.runs.data import describe_data
     from symcal.runs.load import load
 
     if "links" in read_document(file).data:

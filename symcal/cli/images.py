@@ -131,7 +131,6 @@ def _size(text: str) -> tuple[int, int]:
 def measure(
     images: Images,
     camera_file: Annotated[Path, typer.Option("--camera", metavar="YAML", help="camera file")],
-    target: Annotated[Path, typer.Option("--target", metavar="YAML", help="target file")],
     joints: Annotated[
         Path,
         typer.Option(
@@ -139,13 +138,20 @@ def measure(
         ),
     ],
     robot: Annotated[Path, typer.Option("--robot", metavar="YAML", help="robot file")],
+    target: Annotated[
+        Path | None, typer.Option("--target", metavar="YAML", help="target file: discs on the robot's tool")
+    ] = None,
+    board: Annotated[
+        str | None,
+        typer.Option("--board", metavar="BOARD", help="a printed board instead: charuco:12x9:30mm:22mm:DICT_4X4_100"),
+    ] = None,
     scene: Annotated[
         Path | None, typer.Option("--scene", metavar="YAML", help="where the camera roughly is [found from the images]")
     ] = None,
     out: Annotated[Path, typer.Option("--out", metavar="CSV", help="measurements")] = Path("measurements.csv"),
     quiet: Quiet = False,
 ) -> None:
-    """Measure a target on the robot's tool in images."""
+    """Measure a target or a printed board in images, on the robot's tool or seen by a camera there."""
     from symcal.runs.folder import require_place
     from symcal.runs.measure import measure_files
 
@@ -155,6 +161,7 @@ def measure(
             images,
             camera=camera_file,
             target=target,
+            board=board,
             joints=joints,
             robot=robot,
             scene=scene,

@@ -53,9 +53,8 @@ def print_measured(measured: Any) -> None:
     data = measured.data
     seen = len(data.only.features)
     console.print(f"{len(data)} images measured, up to {seen} points each")
-    if measured.found:
-        x, y, z = measured.T_world_camera[:3, 3]
-        console.print(f"the camera was found at ({x:.0f}, {y:.0f}, {z:.0f}) mm in world, by the nominal robot")
+    if measured.where:
+        console.print(measured.where)
     for name, reason in measured.failures:
         console.print(f"not measured: {escape(name)}: {escape(reason)}")
     for note in measured.notes:

@@ -17,6 +17,7 @@ from symcal.config.experiment import RenderedData as RenderedData
 from symcal.config.experiment import SimulatedData as SimulatedData
 from symcal.config.experiment import experiment_type
 from symcal.config.measurements import FileData as FileData
+from symcal.config.measurements import ImagesData as ImagesData
 from symcal.config.measurements import SplitConfig
 from symcal.config.observations import existing as existing
 from symcal.config.observations import layout_of as layout_of
@@ -72,10 +73,14 @@ _PATHS: tuple[tuple[str, ...], ...] = (
     ("measurement", "camera"),
     ("measurement", "target"),
     ("measurements", "*", "data", "file"),
+    ("measurements", "*", "data", "files"),
+    ("measurements", "*", "data", "joints"),
     ("measurements", "*", "camera"),
     ("measurements", "*", "target", "file"),
     ("targets", "*", "file"),
     ("data", "file"),
+    ("data", "files"),
+    ("data", "joints"),
     ("data", "camera"),
     ("plan", "required"),
     ("plan", "candidates"),
@@ -105,8 +110,14 @@ def _relative(node: Any, path: tuple[str, ...], at: Key, document: Document, fol
         value = node[name]
         if rest:
             _relative(value, tuple(rest), (*at, name), document, folder)
-        elif isinstance(value, str) and "$" not in value:
-            node[name] = os.path.relpath(document.resolve(value, (*at, name)), folder.resolve())
+        elif isinstance(value, list):
+            node[name] = [_seen_from(folder, each, (*at, name), document) for each in value]
+        elif isinstance(value, str):
+            node[name] = _seen_from(folder, value, (*at, name), document)
+
+
+def _seen_from(folder: Path, path: str, key: Key, document: Document) -> str:
+    return path if "$" in path else os.path.relpath(document.resolve(path, key), folder.resolve())
 
 
 def task_of(file: ExperimentFile, document: Document, robot: Robot) -> Task:

@@ -12,6 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from symcal.config.measurements import (
     FileData,
+    ImagesData,
     MeasurementConfig,
     Name,
     TargetConfig,
@@ -80,7 +81,8 @@ class ImageLook(Strict):
 class RenderedData(Strict):
     """Images made by the program: a board for the camera's calibration, then the target at the planned poses.
 
-    camera: a camera.yaml with the true numbers, which the identification is not told. board: as `symcal camera` has it.
+    camera: a camera.yaml with the true numbers, which the identification is not told. board: as `symcal camera` has it;
+    the measured board where that is one. seen: least share of a measured board's points that random poses show.
     truth: errors of the robot, and of camera pose and mount (`camera_x`, `tool_rx`, ...) from the nominal ones.
     test_poses: unseen visible poses at which the result is judged against the truth. examples: images that are kept.
     """
@@ -88,7 +90,8 @@ class RenderedData(Strict):
     source: Literal["rendered"]
     truth: Truth
     camera: str
-    board: str
+    board: str | None = None
+    seen: Annotated[float, Field(gt=0, le=1)] = 0.4
     views: Annotated[int, Field(ge=3)] = 27
     image: ImageLook = ImageLook()
     test_poses: Annotated[int, Field(ge=3)] = 200
@@ -171,7 +174,7 @@ class ExperimentFile(Strict):
     targets: dict[Name, TargetConfig] = {}
     measurements: dict[Name, Any] = {}
     plan: PlanConfig = PlanConfig()
-    data: Annotated[FileData | SimulatedData | RenderedData, Field(discriminator="source")] | None = None
+    data: Annotated[FileData | ImagesData | SimulatedData | RenderedData, Field(discriminator="source")] | None = None
     identification: IdentificationConfig = IdentificationConfig()
     validation: ValidationConfig = ValidationConfig()
     study: StudyConfig | None = None

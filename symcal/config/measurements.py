@@ -83,6 +83,26 @@ class FileData(Strict):
     decimal: Literal[".", ","] = "."
 
 
+class ImagesData(Strict):
+    """Measurements from images of a board or of discs, measured in the same run.
+
+    files: images, or folders of them. joints: CSV file with a column `image` and the joint readings at which each was
+    taken; `pose` and `split` if there are any.
+    """
+
+    source: Literal["images"]
+    files: str | Annotated[list[str], Field(min_length=1)]
+    joints: str
+    split: SplitConfig = SplitConfig()
+
+    @property
+    def listed(self) -> list[str]:
+        return [self.files] if isinstance(self.files, str) else self.files
+
+
+SourceConfig = Annotated[FileData | ImagesData, Field(discriminator="source")]
+
+
 class MeasurementConfig(Strict):
     """What is measured, in short: one instrument on world that reads the robot's tool.
 
@@ -245,7 +265,7 @@ class ObservationConfig(Strict):
     reports: Literal["target", "instrument"] = "target"
     session: str = ""
     noise: NoiseConfig = NoiseConfig()
-    data: FileData | None = None
+    data: SourceConfig | None = None
     value: float | list[float] | None = None
 
     @model_validator(mode="after")

@@ -14,7 +14,7 @@ from symcal.camera.board import Board, parse_board
 from symcal.camera.files import read_camera, read_target
 from symcal.camera.target import Target as Marks
 from symcal.config.experiment import ExperimentFile
-from symcal.config.measurements import RESERVED, FileData, NearConfig, ObservationConfig, PlaceConfig
+from symcal.config.measurements import RESERVED, FileData, ImagesData, NearConfig, ObservationConfig, PlaceConfig
 from symcal.data.layout import Layout
 from symcal.documents.document import Document, Key
 from symcal.errors import InputError
@@ -232,6 +232,9 @@ def _sessions(name: str, entry: ObservationConfig, document: Document) -> tuple[
     if entry.data is None:
         message = "'per: session' needs the data here: they say which sessions there are"
         raise document.error(message, key)
+    if not isinstance(entry.data, FileData):
+        message = "'per: session' takes the sessions from a file of measurements: measure the images first"
+        raise document.error(message, key, found=entry.data.source)
     table = layout_of(entry.data).table(existing(document, entry.data.file, (*key, "file"), "file of measurements"))
     if "session" not in table.columns:
         message = "'per: session' needs a column 'session' in the data, or 'columns: {session: ...}'"
@@ -324,16 +327,17 @@ def _board(text: str, document: Document, key: Key) -> Board:
 # ------------------------------------------------------------------------------------------------------------ the data
 
 
-def sources(file: ExperimentFile) -> Mapping[str, FileData | None]:
-    """The file of measurements of every entry; None where the experiment's own `data` says where they are."""
-    own = file.data if isinstance(file.data, FileData) else None
+def sources(file: ExperimentFile) -> Mapping[str, FileData | ImagesData | None]:
+    """The file of measurements, or the images, of every entry; None where the experiment's own `data` says where they
+    are."""
+    own = file.data if isinstance(file.data, FileData | ImagesData) else None
     if file.measurement is not None:
         return {file.measurement.type: own}
     return {name: entry.data or own for name, entry in file.measurements.items() if entry.value is None}
 
 
 def reads_files(file: ExperimentFile) -> bool:
-    """Whether any measurement comes from a file."""
+    """Whether any measurement comes from a file, or from images."""
     return any(source is not None for source in sources(file).values())
 
 

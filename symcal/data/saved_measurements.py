@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,12 @@ from symcal.data.dataset import Dataset
 from symcal.robot.robot import Robot
 
 
-def save_measurements(data: Dataset, robot: Robot, path: Path | str) -> None:
-    """Write the canonical CSV (deg and mm) of one instrument's data that `load_measurements` reads back."""
+def save_measurements(data: Dataset, robot: Robot, path: Path | str, head_lines: Sequence[str] = ()) -> None:
+    """Write the canonical CSV (deg and mm) of one instrument's data that `load_measurements` reads back.
+
+    Args:
+        head_lines: what stands before the table, a comment each.
+    """
     units = ["deg" if joint.revolute else "mm" for joint in robot.joints]
     head = ["pose", *(f"q{i}_{unit}" for i, unit in enumerate(units, start=1))]
     q = np.where([joint.revolute for joint in robot.joints], np.rad2deg(data.q), data.q)
@@ -31,6 +36,7 @@ def save_measurements(data: Dataset, robot: Robot, path: Path | str) -> None:
     if data.sigma is not None:
         head += [f"{name}_{quantity.unit}" for quantity in kind.quantities for name in quantity.sigma_columns]
     with Path(path).open("w", newline="", encoding="utf-8") as file:
+        file.writelines(f"# {' '.join(line.split())}\n" for line in head_lines)
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow([*head, "split"])
         writer.writerows([[_cell(c) for c in row] for row in rows])

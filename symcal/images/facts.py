@@ -74,16 +74,23 @@ def image_facts(images: RenderedImages, truth: Array) -> dict[str, Any]:
     """
     measured = images.measured
     error = measured.data.z.reshape(len(measured.data), -1, 2) - truth
-    seen = np.isfinite(error).all(axis=2)
     return {
         "measured": len(measured.data),
         "failures": [{"image": name, "reason": reason} for name, reason in measured.failures],
         "camera_found_from_images": measured.found,
-        "error_px": _statistics(np.linalg.norm(error[seen], axis=1)),
-        "error_per_axis_px": float(np.sqrt(np.mean(error[seen] ** 2))),
+        **point_facts(error),
         "sigma_of_image_noise_px": float(
             np.sqrt(np.mean(np.concatenate([d.sigma_px for d in measured.detections]) ** 2))
         ),
+    }
+
+
+def point_facts(error: Array) -> dict[str, Any]:
+    """Errors of measured image points against the truth, shape (N, n, 2), px, NaN where nothing was seen."""
+    seen = np.isfinite(error).all(axis=2)
+    return {
+        "error_px": _statistics(np.linalg.norm(error[seen], axis=1)),
+        "error_per_axis_px": float(np.sqrt(np.mean(error[seen] ** 2))),
     }
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.ticker import FuncFormatter
 
 from symcal.calibration.evaluate import Errors
-from symcal.images.rendered import Example
+from symcal.images.examples import Example
 from symcal.images.run import ImageRun
 from symcal.plots.style import (
     BLUE,
@@ -48,15 +48,16 @@ def example_images(examples: Sequence[Example]) -> Illustration:
     """Images with what was found in them."""
     columns = min(len(examples), 2)
     rows = -(-len(examples) // columns)
-    height, width = examples[0].image.shape
-    step = max(1, width // 900)
+    height, width = np.max([example.image.shape for example in examples], axis=0)
     with print_settings():
         figure = sheet(WIDE, rows * (WIDE / columns * height / width + 7))
         for i, example in enumerate(examples):
             axes = figure.add_subplot(rows, columns, i + 1)
+            height, width = example.image.shape
+            step = max(1, width // 900)
             frame = (-0.5, width - 0.5, height - 0.5, -0.5)
             axes.imshow(example.image[::step, ::step], cmap="gray", vmin=0, vmax=255, extent=frame)
-            marks = {"linestyle": "none", "marker": "+", "markersize": 4 if example.labels else 2, "color": VERMILION}
+            marks = {"linestyle": "none", "marker": "+", "markersize": 4 if example.labels else 3, "color": VERMILION}
             axes.plot(example.pixels[:, 0], example.pixels[:, 1], **marks)  # type: ignore[arg-type]
             for (u, v), label in zip(example.pixels, example.labels, strict=False):
                 axes.annotate(escaped(label), (u, v), xytext=(5, 4), textcoords="offset points", color=VERMILION)

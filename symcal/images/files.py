@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from symcal.camera.files import write_camera
-from symcal.images.run import ImageRun
+from symcal.images.examples import Example
+from symcal.vision.calibrate import CameraCalibration
 from symcal.vision.images import write_image
 
 
-def write_images(run: ImageRun, folder: Path) -> None:
-    """Write camera.yaml and the example images into a run's folder; nothing where no images were rendered."""
-    if run.images is None:
-        return
-    write_camera(folder / "camera.yaml", run.images.camera.camera, {"views": len(run.images.camera.used)})
-    if run.images.examples:
+def write_images(calibration: CameraCalibration, examples: Sequence[Example], folder: Path) -> None:
+    """Write camera.yaml and the example images of rendered ones into a run's folder."""
+    write_camera(folder / "camera.yaml", calibration.camera, {"views": len(calibration.used)})
+    if examples:
         (folder / "images").mkdir()
-    for example in run.images.examples:
+    for example in examples:
         write_image(folder / "images" / f"{'_'.join(example.name.split())}.png", example.image)

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import permutations
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +19,8 @@ from symcal import spatial
 from symcal.camera.camera import Camera
 from symcal.camera.target import Target
 from symcal.data.dataset import Dataset, Readings
-from symcal.documents.table import joint_readings, read_table
 from symcal.errors import InputError, RefusedError
+from symcal.images.shots import Shot, listed_failures
 from symcal.instruments import seen_by
 from symcal.kernels import batch_function
 from symcal.kinematics import chain, forward, frame_vector
@@ -30,7 +29,6 @@ from symcal.placing.camera_placement import place_camera
 from symcal.placing.registration import rigid_fit
 from symcal.robot.robot import Robot
 from symcal.vision.failures import NotDetected
-from symcal.vision.images import read_image
 from symcal.vision.locate import Guess, locate_target
 from symcal.vision.target import TargetDetection, detect_target
 
@@ -40,17 +38,6 @@ _BLAS = ThreadpoolController()
 
 _FIRST = 16  # images that are looked at without a prediction
 _FEWEST = 5  # of them that must show the target
-
-
-@dataclass(frozen=True, slots=True)
-class Shot:
-    """One image to be measured: its name, the pose's label and split, joint readings (dof,), and how to get it."""
-
-    name: str
-    label: str
-    split: str
-    q: Array
-    load: Callable[[], NDArray[np.generic]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +57,12 @@ class MeasuredImages:
     T_flange_target: Array
     found: bool
     notes: tuple[str, ...]
+
+    @property
+    def where(self) -> str:
+        """Where the camera was found, in words; nothing where it was known."""
+        x, y, z = self.T_world_camera[:3, 3]
+        return f"the camera was found at ({x:.0f}, {y:.0f}, {z:.0f}) mm in world, by the nominal robot" * self.found
 
 
 def measure_images(
@@ -106,7 +99,7 @@ def _measure(
 ) -> MeasuredImages:
     if not shots:
         raise RefusedError("none of the images is there and has joint readings: check the names in the joints file")
-    flange = _flange_poses(robot, np.array([shot.q for shot in shots]))
+    flange = flange_poses(robot, np.array([shot.q for shot in shots]))
     notes: tuple[str, ...] = ()
     known = T_world_camera is not None and target.mount is not None
     if T_world_camera is not None and target.mount is not None:
@@ -123,7 +116,7 @@ def _measure(
         except (NotDetected, InputError) as error:
             failures.append((shot.name, error.message if isinstance(error, InputError) else str(error)))
     if not kept:
-        raise RefusedError(f"no image could be measured: {_listed(failures)}")
+        raise RefusedError(f"no image could be measured: {listed_failures(failures)}")
     return MeasuredImages(
         data=_dataset(kept, camera, target),
         images=tuple(shot.name for shot, _ in kept),
@@ -164,7 +157,7 @@ def find_camera(
     if len(used) < _FEWEST:
         raise RefusedError(
             f"the target is seen in {len(used)} of the first {len(first)} images, {_FEWEST} are needed to find the "
-            f"camera: say where the camera and the target are, or mend the images ({_listed(failures)})"
+            f"camera: say where the camera and the target are, or mend the images ({listed_failures(failures)})"
         )
     width = max(len(each) for each in guesses)
     pixels = np.full((len(used), width, len(target.names), 2), np.nan)
@@ -185,43 +178,6 @@ def find_camera(
     return best.camera, mount, tuple(notes)
 
 
-def read_shots(path: Path | str, robot: Robot, images: Sequence[Path]) -> tuple[list[Shot], list[tuple[str, str]]]:
-    """Images with their joint readings, from a CSV file with the columns `image`, joints, and `pose`, `split` if any.
-
-    Returns:
-        the shots in the order of the file, and (image, reason) of every image without readings and row without image.
-    Raises:
-        InputError: a file that cannot be read, two images of one name, or an image that stands twice.
-    """
-    table = read_table(path)
-    if "image" not in table.columns:
-        raise InputError("there is no column 'image'", file=path, line=table.head_line, allowed=table.columns)
-    q = joint_readings(table, [(joint.name, joint.revolute) for joint in robot.joints])
-    places: dict[str, Path] = {}
-    for image in images:
-        if image.name in places:
-            raise InputError("two images have this name", found=image.name)
-        places[image.name] = image
-    names = table.text("image")
-    labels = table.text("pose") if "pose" in table.columns else [Path(name).stem for name in names]
-    splits = table.text("split") if "split" in table.columns else ["train"] * len(table)
-    shots, left = [], []
-    for row, name in enumerate(names):
-        if names.index(name) != row:
-            raise InputError("this image stands twice", file=path, line=table.lines[row], key="image", found=name)
-        file = places.pop(Path(name).name, None)
-        if file is None:
-            left.append((name, f"line {table.lines[row]} of {Path(path).name} names it, but no such image was given"))
-        else:
-            shots.append(Shot(name, labels[row], splits[row], q[row], _reader(file)))
-    left += [(name, f"{Path(path).name} has no joint readings for it") for name in places]
-    return shots, left
-
-
-def _reader(path: Path) -> Callable[[], NDArray[np.generic]]:
-    return lambda: read_image(path)
-
-
 def _dataset(kept: Sequence[tuple[Shot, TargetDetection]], camera: Camera, target: Target) -> Dataset:
     """Image points without a stated noise: that of the image is the least part of it, and the residuals tell it all."""
     z = np.full((len(kept), 2 * len(target.names)), np.nan)
@@ -239,7 +195,7 @@ def _dataset(kept: Sequence[tuple[Shot, TargetDetection]], camera: Camera, targe
     )
 
 
-def _flange_poses(robot: Robot, q: Array) -> Array:
+def flange_poses(robot: Robot, q: Array) -> Array:
     kernel = batch_function(forward(chain(robot, parameter_set(robot))), evaluations=len(q))
     return kernel(q, np.zeros(len(robot.parameters)), frame_vector(robot.base, np.eye(4)))[0]
 
@@ -257,8 +213,3 @@ def _symmetries(target: Target) -> list[Array]:
         if new and np.abs(off).max() < 1e-6 * np.ptp(target.points) and motion[:3, :3] @ normal @ normal > 1 - 1e-9:
             found.append(motion)
     return found
-
-
-def _listed(failures: Sequence[tuple[str, str]]) -> str:
-    shown = "; ".join(f"{name}: {reason}" for name, reason in failures[:5])
-    return shown + ("; ..." if len(failures) > 5 else "")

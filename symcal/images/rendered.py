@@ -12,7 +12,9 @@ from symcal import spatial
 from symcal.camera.board import Board
 from symcal.camera.camera import Camera
 from symcal.camera.target import Target
-from symcal.images.measure import MeasuredImages, Shot
+from symcal.images.examples import Example
+from symcal.images.measure import MeasuredImages
+from symcal.images.shots import Shot
 from symcal.model.measurement import Setup
 from symcal.model.model import Model
 from symcal.model.task import CAMERA
@@ -23,16 +25,6 @@ from symcal.vision.images import Image
 from symcal.vision.render import Look, render_board, render_discs
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class Example:
-    """An image with what was found in it: points, shape (k, 2), px, and their names if they have any."""
-
-    name: str
-    image: Image
-    pixels: Array
-    labels: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)

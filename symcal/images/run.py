@@ -25,9 +25,11 @@ from symcal.documents.document import Document
 from symcal.errors import InputError, RefusedError
 from symcal.fit.estimation import Options
 from symcal.images.comparison import Ways, compare_ways
+from symcal.images.examples import Example
 from symcal.images.facts import accuracy_facts, camera_facts, comparison_facts, image_facts, project_poses
-from symcal.images.measure import MeasuredImages, Shot, measure_images
-from symcal.images.rendered import Example, RenderedImages, calibrate_rendered, target_poses, target_shots
+from symcal.images.measure import MeasuredImages, measure_images
+from symcal.images.rendered import RenderedImages, calibrate_rendered, target_poses, target_shots
+from symcal.images.shots import Shot
 from symcal.instruments import seen_by
 from symcal.model.model import Model, State, build_model
 from symcal.model.task import Scene, Task, pixels_task
@@ -176,13 +178,6 @@ def _truth(
     return config.truth_of(source, file, document, dict(units), rng)
 
 
-def _board(source: RenderedData, document: Document) -> Any:
-    try:
-        return parse_board(source.board)
-    except InputError as error:
-        raise document.error(error.message, ("data", "board"), found=error.found, allowed=error.allowed) from None
-
-
 def _told(model: Model, scene: Scene) -> Scene:
     """The scene as the identification knows it: without what it is to find."""
     (observation,) = model.task.observations
@@ -210,6 +205,8 @@ def _render(
     progress: Progress,
 ) -> RenderedImages:
     """Calibrate the camera from images of a board, and measure the target in images with the camera so known."""
+    if source.board is None:
+        raise document.error("say with which board the camera is calibrated", ("data", "board"))
     scene, (for_board, for_noise) = model.task.scene, rngs
     assert scene is not None
     look = Look(**source.image.model_dump())

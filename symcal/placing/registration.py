@@ -54,25 +54,28 @@ def _transforms(rotation: Array, translation: Array) -> Array:
 
 
 def hand_eye(flange: Array, measured: Array) -> tuple[Array, Array]:
-    """Base B and tool X, shape (4, 4) each, with measured_i = B flange_i X; shapes (N, 4, 4).
+    """Base B and tool X, shape (..., 4, 4) each, with measured_i = B flange_i X; shapes (..., N, 4, 4).
 
     With Y = R_X^T every pose says R_z Y = R_B R_F, so (vec Y, vec R_B) is the leading pair of singular vectors of
     sum kron(R_z, R_F); the translations follow linearly. Needs rotations about two axes. Source: [Shah2013].
     """
-    a, b = flange[:, :3, :3], measured[:, :3, :3]
-    u, _, vt = np.linalg.svd(np.einsum("nij,nkl->ikjl", b, a).reshape(9, 9))
-    tool = _nearest_rotation(vt[0].reshape(3, 3)).T
-    base = _nearest_rotation(u[:, 0].reshape(3, 3))
+    a, b = flange[..., :3, :3], measured[..., :3, :3]
+    over = a.shape[:-3]
+    u, _, vt = np.linalg.svd(np.einsum("...nij,...nkl->...ikjl", b, a).reshape(*over, 9, 9))
+    tool = _nearest_rotation(vt[..., 0, :].reshape(*over, 3, 3)).swapaxes(-1, -2)
+    base = _nearest_rotation(u[..., :, 0].reshape(*over, 3, 3))
     # p_z - R_B p_F = p_B + (R_B R_F) p_X
-    rows = np.concatenate([np.broadcast_to(np.eye(3), (len(a), 3, 3)), base @ a], axis=2).reshape(-1, 6)
-    right = (measured[:, :3, 3] - flange[:, :3, 3] @ base.T).ravel()
-    solution = np.linalg.lstsq(rows, right, rcond=1e-8)[0]
-    return spatial.transform(base, solution[:3]), spatial.transform(tool, solution[3:])
+    turned = base[..., None, :, :] @ a
+    rows = np.concatenate([np.broadcast_to(np.eye(3), a.shape), turned], axis=-1).reshape(*over, -1, 6)
+    right = measured[..., :3, 3] - np.einsum("...ij,...nj->...ni", base, flange[..., :3, 3])
+    solution = np.linalg.pinv(rows, rcond=1e-8) @ right.reshape(*over, -1, 1)
+    return _transforms(base, solution[..., :3, 0]), _transforms(tool, solution[..., 3:, 0])
 
 
 def _nearest_rotation(matrix: Array) -> Array:
-    u, _, vt = np.linalg.svd(matrix * np.sign(np.linalg.det(matrix)))
-    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
+    u, _, vt = np.linalg.svd(matrix * np.sign(np.linalg.det(matrix))[..., None, None])
+    u[..., :, 2] *= np.linalg.det(u @ vt)[..., None]
+    return np.asarray(u @ vt)
 
 
 def virtual_points(poses: Array) -> Array:

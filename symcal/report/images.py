@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from symcal.words import MINUS, fixed, listed, number, plural
+from symcal.words import MINUS, fixed, listed, number, percent, plural
 
 Content = Mapping[str, Any]
 
@@ -26,7 +26,7 @@ def images_text(content: Content) -> dict[str, Any] | None:
     """
     ways = content.get("comparison", {})
     if "residuals_px" not in content:
-        return None
+        return _measured(content) if "measured_images" in content else None
     return {
         "text": _sentences(content),
         "ways": [_way(name, ways[name]) for name in _WAYS if name in ways],
@@ -35,6 +35,34 @@ def images_text(content: Content) -> dict[str, Any] | None:
         "camera": _camera(content.get("camera")),
         "calibration": _calibration(content.get("camera")),
     }
+
+
+def _measured(content: Content) -> dict[str, Any]:
+    """The section about images that were given, or rendered, and measured in the run."""
+    text, entries = [], content["measured_images"]
+    for name, facts in entries.items():
+        called = f"'{name}': " if len(entries) > 1 else ""
+        share = facts["points"] / (facts["measured"] * facts["points_of_an_image"])
+        text.append(
+            f"{called}{facts['measured']} of {plural(facts['given'], 'image')} were measured, with {facts['points']} "
+            f"image points: {percent(share)} of the target's points in each, in the mean."
+        )
+        if "error_px" in facts:
+            text.append(_against_truth(facts))
+        if facts["where"]:
+            text.append(f"{facts['where'][0].upper()}{facts['where'][1:]}.")
+        text += [f"Not measured: {entry['image']}: {entry['reason']}." for entry in facts["failures"]]
+    camera = content.get("camera")
+    words = {"ways": [], "count": "", "note": ""}
+    return {"text": text, **words, "camera": _camera(camera), "calibration": _calibration(camera)}
+
+
+def _against_truth(facts: Mapping[str, Any]) -> str:
+    return (
+        f"The points came out within {number(facts['error_px']['rms'])} px rms of the truth "
+        f"({number(facts['error_per_axis_px'])} px per axis). These are rendered images: real prints, light and lenses "
+        "rarely leave less than 0.02 px."
+    )
 
 
 def _sentences(content: Content) -> list[str]:
@@ -47,11 +75,9 @@ def _sentences(content: Content) -> list[str]:
         failures = images["failures"]
         sentences.append(
             f"The target was measured in {plural(images['measured'], 'image')}"
-            + (f", not in {len(failures)}" if failures else ", in every one")
-            + f"; its points came out within {number(images['error_px']['rms'])} px rms of the truth "
-            f"({number(images['error_per_axis_px'])} px per axis). These are rendered images: real prints, light and "
-            "lenses rarely leave less than 0.02 px."
+            + (f", not in {len(failures)}." if failures else ", in every one.")
         )
+        sentences.append(_against_truth(images))
         sentences += [f"Not measured: {entry['image']}: {entry['reason']}." for entry in failures]
         if images["camera_found_from_images"]:
             sentences.append("Where camera and mount are was found from the images themselves.")

@@ -1,7 +1,8 @@
-"""The measurements of an experiment: simulated, or read from a file."""
+"""The measurements of an experiment: simulated, read from a file, or measured in images."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,11 +12,14 @@ from numpy.typing import NDArray
 from symcal.calibration.compensation_check import true_robot
 from symcal.calibration.simulate import concatenate, simulate
 from symcal.config import conversion as config
-from symcal.config.conversion import ExperimentFile, FileData, SimulatedData
+from symcal.config.conversion import ExperimentFile, FileData, ImagesData, RenderedData, SimulatedData
 from symcal.data.dataset import Dataset, merged, with_random_test
 from symcal.data.measurement_file import load_measurements
 from symcal.documents.document import Document, Key
-from symcal.errors import InputError
+from symcal.errors import InputError, RefusedError
+from symcal.images.entries import EntryImages, measure_entry
+from symcal.images.rendered_boards import RenderedBoards, render_boards
+from symcal.images.shots import read_shots
 from symcal.instruments.noise import Noise
 from symcal.model.contact import constraints, contact_postures
 from symcal.model.model import Model
@@ -26,6 +30,10 @@ from symcal.planning.drive_plan import Planned
 from symcal.planning.plan_constraints import asked_view
 from symcal.planning.visibility import within_limits
 from symcal.robot.robot import Robot
+from symcal.runs.camera import image_files
+from symcal.runs.load import Experiment
+
+Progress = Callable[[str], None]
 
 Array = NDArray[np.float64]
 
@@ -34,13 +42,16 @@ Array = NDArray[np.float64]
 class MeasuredData:
     """The measurements of a run, and the files read.
 
-    Of simulated ones also the true robot, and the test poses, if any, without noise.
+    Of simulated ones also the true robot, and the test poses, if any, without noise. images: what was measured in them.
+    rendered: of rendered ones their truth, and the model with the camera as it was calibrated.
     """
 
     data: Dataset
     inputs: tuple[Path, ...] = ()
     truth: Robot | None = None
     exact: Dataset | None = None
+    images: tuple[EntryImages, ...] = ()
+    rendered: RenderedBoards | None = None
 
 
 def measurements(
@@ -51,28 +62,35 @@ def measurements(
     *,
     data: Path | None = None,
     planned: Planned | None = None,
+    progress: Progress = lambda _: None,
 ) -> MeasuredData:
-    """The measurements of an experiment, simulated or read.
+    """The measurements of an experiment, simulated, read, or measured in images.
 
     Args:
         data: a file instead of the experiment's. planned: poses that simulated data train at, instead of random ones.
     Raises:
-        InputError: there are none, or they cannot be read.
+        InputError: there are none, or they cannot be read. RefusedError: images that cannot be believed.
     """
     source = file.data
     if isinstance(source, SimulatedData) and data is None:
         return _simulated(file, source, document, model, rng, planned)
+    if isinstance(source, RenderedData) and data is None:
+        poses = None if planned is None else planned.plan.poses
+        drawn = render_boards(file, source, document, model, rng, progress, poses)
+        entries = (drawn.entry,)
+        return MeasuredData(drawn.entry.data, drawn.inputs, drawn.truth, drawn.exact, entries, drawn)
     given = config.sources(file)
     if data is not None:
         if len(given) > 1:
             message = "several instruments measure: give each its file under 'measurements', not --data"
             raise InputError(message, key="--data", found=data)
         (layout,) = given.values()
-        layout = layout or FileData(source="file", file=str(data))
+        layout = layout if isinstance(layout, FileData) else FileData(source="file", file=str(data))
         read = [_read(o, layout, data, model) for o in model.task.observations]
         return MeasuredData(_drawn(merged(read, [o.session for o in model.task.observations]), layout, rng), (data,))
     sets: list[Dataset] = []
     paths: list[Path] = []
+    images: list[EntryImages] = []
     seen: dict[object, str] = {}
     for o in model.task.observations:
         own = given.get(o.of)
@@ -80,7 +98,21 @@ def measurements(
             message = "there is nothing to identify from: give 'data' here, or measurements with --data"
             key: Key = ("data",) if file.measurement is not None else ("measurements", o.of, "data")
             raise document.error(message, key)
-        where: Key = ("data", "file") if own is file.data else ("measurements", o.of, "data", "file")
+        here: Key = ("data",) if own is file.data else ("measurements", o.of, "data")
+        if isinstance(own, ImagesData):
+            shown = (own.joints, *own.listed)
+            if shown in seen:
+                message = (
+                    f"'{o.name}' would be measured in the same images as '{seen[shown]}': give each its own 'data'"
+                )
+                raise document.error(message, (*here, "files"))
+            seen[shown] = o.name
+            measured, joints = _measured(o, own, document, here, model, progress)
+            images.append(measured)
+            sets.append(measured.data)
+            paths.append(joints)
+            continue
+        where: Key = (*here, "file")
         path = config.existing(document, own.file, where, "file of measurements")
         chosen = (tuple(sorted(own.where.items())), tuple(sorted((k, str(v)) for k, v in own.columns.items())))
         rows = (path, o.instrument.name, chosen, o.features, o.session)
@@ -99,10 +131,53 @@ def measurements(
         message = "poses are held out for all instruments together: say the same 'test_fraction' for every one, or none"
         found = layouts[odd].split.test_fraction
         raise document.error(message, ("measurements", odd, "data", "split"), found=found)
-    return MeasuredData(_drawn(merged(sets, sessions), next(iter(layouts.values())), rng), tuple(dict.fromkeys(paths)))
+    measured_data = _drawn(merged(sets, sessions), next(iter(layouts.values())), rng)
+    if images and "train" not in measured_data.split:
+        raise RefusedError("no pose is for training: none of those that the joints file calls so was measured")
+    return MeasuredData(measured_data, tuple(dict.fromkeys(paths)), images=tuple(images))
 
 
-def _drawn(data: Dataset, layout: FileData, rng: np.random.Generator) -> Dataset:
+def describe_data(experiment: Experiment) -> tuple[str, ...]:
+    """What the file of measurements holds and what looks wrong in it, or that it is not there.
+
+    Raises:
+        InputError: it is there and cannot be read.
+    """
+    given = [source for source in config.sources(experiment.file).values() if source is not None]
+    if not given:
+        return ()
+    for source in given:
+        try:
+            if isinstance(source, ImagesData):
+                config.existing(experiment.document, source.joints, ("data", "joints"), "file of joint readings")
+            else:
+                config.existing(experiment.document, source.file, ("data", "file"), "file of measurements")
+        except InputError as error:
+            return (str(error),)
+    if any(isinstance(source, ImagesData) for source in given):
+        return ("images are measured when the experiment is run",)
+    rng = np.random.default_rng(experiment.seed)
+    measured = measurements(experiment.file, experiment.document, experiment.model, rng).data
+    counts = [f"{measured.split.count(s)} {s}" for s in ("train", "test", "unused") if s in measured.split]
+    return (f"{len(measured)} poses ({', '.join(counts)})", *measured.notes)
+
+
+def _measured(
+    o: Observation, source: ImagesData, document: Document, key: Key, model: Model, progress: Progress
+) -> tuple[EntryImages, Path]:
+    """What one instrument reads in its images, and the file of their joint readings."""
+    joints = config.existing(document, source.joints, (*key, "joints"), "file of joint readings")
+    try:
+        files = image_files([document.resolve(path, (*key, "files")) for path in source.listed])
+        shots = read_shots(joints, model.robot, files, config.split_of(source.split))
+        return measure_entry(o, shots, model.robot, progress), joints
+    except InputError as error:
+        if error.file is not None:
+            raise
+        raise document.error(error.message, key, found=error.found, allowed=error.allowed) from None
+
+
+def _drawn(data: Dataset, layout: FileData | ImagesData, rng: np.random.Generator) -> Dataset:
     """With a random share held out where the file says so."""
     fraction = layout.split.test_fraction
     return data if fraction is None else with_random_test(data, fraction, rng)

@@ -16,13 +16,16 @@ from symcal.calibration.compensation_check import POSES, Handover, hand_over
 from symcal.calibration.evaluate import Errors, evaluate_each, expected_position_rms, judging
 from symcal.calibration.identify import Calibration, baseline_model, calibrate
 from symcal.config import conversion as config
-from symcal.config.conversion import ExperimentFile, RenderedData, SimulatedData
+from symcal.config.conversion import ExperimentFile, FileData, RenderedData, SimulatedData
 from symcal.data.dataset import Dataset
 from symcal.data.saved_measurements import save_measurements
 from symcal.documents.document import write_document
-from symcal.errors import InputError, RefusedError
+from symcal.errors import RefusedError
 from symcal.export.results import correction_facts, handover_facts
+from symcal.images.entries import EntryImages, measured_head
+from symcal.images.facts import camera_facts, point_facts
 from symcal.images.files import write_images
+from symcal.images.rendered_boards import RenderedBoards
 from symcal.images.run import AGAINST, ERROR, ImageRun, run_images
 from symcal.model.contact import constraints, touched_names
 from symcal.planning.drive_plan import Planned, find_plan, plan_generator
@@ -45,7 +48,8 @@ class Outcome:
     """What an identification run found.
 
     planned: the plan behind simulated data, if they have one. handover: what compensation achieves, where the truth is
-        known. images: of a simulated measurement with a camera; its errors are against the truth.
+        known. images: of a simulated measurement with a camera; its errors are against the truth. measured_in: what
+        was measured in images that were given, or rendered of a board: the truth of these is in rendered.
     """
 
     experiment: Experiment
@@ -57,6 +61,8 @@ class Outcome:
     handover: Handover | None
     content: Mapping[str, Any]
     images: ImageRun | None = None
+    measured_in: tuple[EntryImages, ...] = ()
+    rendered: RenderedBoards | None = None
 
 
 def write_identification(
@@ -77,7 +83,10 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     rng = np.random.default_rng(experiment.seed)
     planned = None if data else plan_of(experiment, progress)
     progress("reading the measurements" if config.reads_files(experiment.file) or data else "simulating")
-    found = measurements(experiment.file, experiment.document, experiment.model, rng, data=data, planned=planned)
+    own = (experiment.file, experiment.document, experiment.model)
+    found = measurements(*own, rng, data=data, planned=planned, progress=progress)
+    if found.rendered is not None:
+        experiment = replace(experiment, model=found.rendered.model)
     measured, exact = found.data, found.exact
     progress("identifying")
     calibration = calibrate(experiment.model, baseline_model(experiment.model), measured, experiment.options)
@@ -115,7 +124,23 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     content["instruments"] = instruments
     content["controller"] = correction_facts(calibration.robot)
     content["compensation"] = None if handover is None else handover_facts(handover)
-    return Outcome(experiment, measured, planned, found.inputs, calibration, errors, handover, content)
+    if found.images:
+        content["measured_images"] = {entry.name: entry.facts for entry in found.images}
+    if found.rendered is not None:
+        content["camera"] = camera_facts(found.rendered.calibration, found.rendered.lens)
+        content["measured_images"][found.images[0].name] |= point_facts(found.rendered.error_px)
+    return Outcome(
+        experiment,
+        measured,
+        planned,
+        found.inputs,
+        calibration,
+        errors,
+        handover,
+        content,
+        measured_in=found.images,
+        rendered=found.rendered,
+    )
 
 
 def _spelling(file: ExperimentFile) -> list[str]:
@@ -158,30 +183,10 @@ def _handover(experiment: Experiment, calibration: Calibration, truth: Robot, rn
     )
 
 
-def describe_data(experiment: Experiment) -> tuple[str, ...]:
-    """What the file of measurements holds and what looks wrong in it, or that it is not there.
-
-    Raises:
-        InputError: it is there and cannot be read.
-    """
-    given = [source for source in config.sources(experiment.file).values() if source is not None]
-    if not given:
-        return ()
-    for source in given:
-        try:
-            config.existing(experiment.document, source.file, ("data", "file"), "file of measurements")
-        except InputError as error:
-            return (str(error),)
-    rng = np.random.default_rng(experiment.seed)
-    measured = measurements(experiment.file, experiment.document, experiment.model, rng).data
-    counts = [f"{measured.split.count(s)} {s}" for s in ("train", "test", "unused") if s in measured.split]
-    return (f"{len(measured)} poses ({', '.join(counts)})", *measured.notes)
-
-
 def plan_of(experiment: Experiment, progress: Progress) -> Planned | None:
     """The plan that simulated data are taken at; None where the file names no method, or they are not simulated."""
     wanted = experiment.file.plan
-    if not isinstance(experiment.file.data, SimulatedData) or wanted.method is None:
+    if not isinstance(experiment.file.data, SimulatedData | RenderedData) or wanted.method is None:
         return None
     progress("planning")
     rng = plan_generator(experiment.seed)
@@ -236,7 +241,7 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
         outcome = replace(outcome, content=with_code(outcome.content, calibration.robot, folder, experiment.seed))
     write_json(folder / "results.json", outcome.content)
     save_robot(_with_provenance(outcome), folder / "calibrated.yaml")
-    _save_measurements(outcome.data, experiment.robot, folder)
+    _save_measurements(outcome, folder)
     if outcome.planned is not None:
         motion = outcome.planned.motion if outcome.planned.timed else None
         poses, model = outcome.planned.plan.poses, experiment.model
@@ -247,11 +252,13 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
     (folder / "tables").mkdir()
     for name, table in tables(outcome.content, calibration, outcome.data, outcome.errors).items():
         table.to_csv(folder / "tables" / f"{name}.csv", index=False)
-    if outcome.images is not None:
-        write_images(outcome.images, folder)
+    if outcome.images is not None and outcome.images.images is not None:
+        write_images(outcome.images.images.camera, outcome.images.images.examples, folder)
+    if outcome.rendered is not None:
+        write_images(outcome.rendered.calibration, outcome.rendered.entry.examples, folder)
     if not (experiment.file.outputs.figures or experiment.file.outputs.report):
         return outcome
-    from symcal.images.figures import image_figures
+    from symcal.images.figures import example_images, image_figures
     from symcal.plots import identification_figures
     from symcal.plots.handover import handover_figures
     from symcal.plots.save import save_figures
@@ -263,6 +270,9 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
         illustrations += handover_figures(outcome.handover)
     if outcome.images is not None:
         illustrations += image_figures(outcome.images)
+    examples = [example for entry in outcome.measured_in for example in entry.examples]
+    if examples:
+        illustrations += (example_images(examples),)
     pictures = save_figures(illustrations, folder / "figures")
     if experiment.file.outputs.report:
         progress("writing the report")
@@ -270,14 +280,17 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
     return outcome
 
 
-def _save_measurements(data: Dataset, robot: Robot, folder: Path) -> None:
-    """One file, or one for each instrument in a folder."""
+def _save_measurements(outcome: Outcome, folder: Path) -> None:
+    """One file, or one for each instrument in a folder; of images with what was not measured in the file's head."""
+    data, robot = outcome.data, outcome.experiment.robot
+    heads = {entry.data.only.name: measured_head(entry.measured) for entry in outcome.measured_in}
     if len(data.of) == 1:
-        save_measurements(data, robot, folder / "measurements.csv")
+        save_measurements(data, robot, folder / "measurements.csv", heads.get(data.only.name, ()))
         return
     (folder / "measurements").mkdir()
     for each in data.of:
-        save_measurements(data.read_by(each.name), robot, folder / "measurements" / f"{each.name}.csv")
+        file = folder / "measurements" / f"{each.name}.csv"
+        save_measurements(data.read_by(each.name), robot, file, heads.get(each.name, ()))
 
 
 def _with_provenance(outcome: Outcome) -> Robot:
@@ -294,7 +307,7 @@ def _with_provenance(outcome: Outcome) -> Robot:
             "where": dict(own.where),
         }
         for name, own in config.sources(outcome.experiment.file).items()
-        if own is not None
+        if isinstance(own, FileData)
     }
     if layouts:  # so that new files of the same layout can be read for validation
         facts["layout"] = layouts

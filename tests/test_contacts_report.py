@@ -166,13 +166,10 @@ def test_what_is_known_is_found_as_the_distance_of_the_places(sessions: Outcome)
 
 
 def test_the_growth_that_contacts_do_not_see_has_the_spread_of_its_covariance(sessions: Outcome) -> None:
-    robot = sessions.calibration.model.robot
-    names = sessions.calibration.model.parameters.names
-    slope = np.zeros(len(names))
-    for i, link in enumerate(robot.links, start=1):
-        for kind in ("a", "d"):
-            slope[names.index(f"{kind}_{i}")] = link.parameters.get(kind, 0.0)
-    slope /= slope @ slope
+    model = sessions.calibration.model
+    slope = model.measurement.growth
+    nominal = [p.nominal if p.unit == "mm" and not p.unknown else 0.0 for p in model.parameters.items]
+    assert slope @ nominal == pytest.approx(1.0)  # all lengths by one share are a growth of that share
     record = sessions.calibration.robot.record
     assert record is not None
     length = sessions.content["identifiability"]["length"]

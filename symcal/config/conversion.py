@@ -19,11 +19,11 @@ from symcal.config.experiment import experiment_type
 from symcal.config.measurements import FileData as FileData
 from symcal.config.measurements import ImagesData as ImagesData
 from symcal.config.measurements import SplitConfig
-from symcal.config.observations import existing as existing
-from symcal.config.observations import layout_of as layout_of
 from symcal.config.observations import observed
-from symcal.config.observations import reads_files as reads_files
-from symcal.config.observations import sources as sources
+from symcal.config.sources import existing as existing
+from symcal.config.sources import layout_of as layout_of
+from symcal.config.sources import reads_files as reads_files
+from symcal.config.sources import sources as sources
 from symcal.data.measurement_file import Split
 from symcal.documents.document import Document, Key, read_document, validate
 from symcal.documents.yaml_dialect import parse_value

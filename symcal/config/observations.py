@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,8 +13,8 @@ from symcal.camera.board import Board, parse_board
 from symcal.camera.files import read_camera, read_target
 from symcal.camera.target import Target as Marks
 from symcal.config.experiment import ExperimentFile
-from symcal.config.measurements import RESERVED, FileData, ImagesData, NearConfig, ObservationConfig, PlaceConfig
-from symcal.data.layout import Layout
+from symcal.config.measurements import RESERVED, NearConfig, ObservationConfig, PlaceConfig
+from symcal.config.sources import existing, sessions_of
 from symcal.documents.document import Document, Key
 from symcal.errors import InputError
 from symcal.instruments import KINDS, Edge, Instrument
@@ -23,14 +22,6 @@ from symcal.model.observation import Observation, Place, Point, Target
 from symcal.model.task import Scene, Task, pixels_task
 
 Array = NDArray[np.float64]
-
-
-def existing(document: Document, path: str, key: Key, what: str) -> Path:
-    """A file named in the experiment, as an absolute path that is there."""
-    resolved = document.resolve(path, key)
-    if not resolved.is_file():
-        raise document.error(f"the {what} is not there", key, found=resolved)
-    return resolved
 
 
 def observed(file: ExperimentFile, document: Document) -> Task:
@@ -206,7 +197,7 @@ def _entry(name: str, entry: ObservationConfig, file: ExperimentFile, document: 
     if entry.session:
         message = "'per: session' takes the sessions from the data: leave 'session' out"
         raise document.error(message, (*key, "session"), found=entry.session)
-    sessions = _sessions(name, entry, document)
+    sessions = sessions_of(name, entry, document)
     found = []
     for session in sessions:
         label = f"{name}_{_plain(session)}"
@@ -224,22 +215,6 @@ def _entry(name: str, entry: ObservationConfig, file: ExperimentFile, document: 
 def _plain(session: str) -> str:
     """A session's name as part of a parameter's."""
     return "".join(c if c.isalnum() or c in "-_" else "_" for c in session)
-
-
-def _sessions(name: str, entry: ObservationConfig, document: Document) -> tuple[str, ...]:
-    """The sessions in an entry's data, in their order."""
-    key: Key = ("measurements", name, "data")
-    if entry.data is None:
-        message = "'per: session' needs the data here: they say which sessions there are"
-        raise document.error(message, key)
-    if not isinstance(entry.data, FileData):
-        message = "'per: session' takes the sessions from a file of measurements: measure the images first"
-        raise document.error(message, key, found=entry.data.source)
-    table = layout_of(entry.data).table(existing(document, entry.data.file, (*key, "file"), "file of measurements"))
-    if "session" not in table.columns:
-        message = "'per: session' needs a column 'session' in the data, or 'columns: {session: ...}'"
-        raise document.error(message, (*key, "columns"), allowed=table.columns)
-    return tuple(dict.fromkeys(table.text("session")))
 
 
 def _instrument(name: str, entry: ObservationConfig, file: ExperimentFile, document: Document) -> Instrument:
@@ -322,26 +297,3 @@ def _board(text: str, document: Document, key: Key) -> Board:
         return parse_board(text)
     except InputError as error:
         raise document.error(error.message, key, found=error.found, allowed=error.allowed) from None
-
-
-# ------------------------------------------------------------------------------------------------------------ the data
-
-
-def sources(file: ExperimentFile) -> Mapping[str, FileData | ImagesData | None]:
-    """The file of measurements, or the images, of every entry; None where the experiment's own `data` says where they
-    are."""
-    own = file.data if isinstance(file.data, FileData | ImagesData) else None
-    if file.measurement is not None:
-        return {file.measurement.type: own}
-    return {name: entry.data or own for name, entry in file.measurements.items() if entry.value is None}
-
-
-def reads_files(file: ExperimentFile) -> bool:
-    """Whether any measurement comes from a file, or from images."""
-    return any(source is not None for source in sources(file).values())
-
-
-def layout_of(config: FileData) -> Layout:
-    """How the file of measurements is to be read."""
-    where = {column: str(value) for column, value in config.where.items()}
-    return Layout(config.columns, where, config.delimiter, config.decimal)

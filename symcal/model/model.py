@@ -12,7 +12,8 @@ from symcal.kernels import BatchFunction, batch_function
 from symcal.kinematics import chain, forward
 from symcal.model.assembled import Assembled, RowKernel, errors_kernel, rows_kernel, slopes_kernel
 from symcal.model.measurement import Measurement, Setup
-from symcal.model.observe import numbers_of, observe, places_of
+from symcal.model.observe import observe
+from symcal.model.symbols import numbers_of, places_of
 from symcal.model.task import Task
 from symcal.parameters import ParameterSet, zero_name
 from symcal.robot.robot import Robot

@@ -16,8 +16,8 @@ from symcal.model.contact import constraints, contact_postures, touched
 from symcal.model.measurement import Setup
 from symcal.model.model import Model, build_model
 from symcal.model.observation import Place
-from symcal.model.observe import places_of
 from symcal.model.parameter_set import parameter_set
+from symcal.model.symbols import places_of
 from symcal.model.task import Task
 from symcal.parameters import coordinate_names
 from symcal.robot.robot import Robot

@@ -188,6 +188,24 @@ def three_planes(rng: np.random.Generator) -> Scenario:
     return Scenario(Task(tuple(planes)), setup, {name: {"height": 0.03} for name in places})
 
 
+def pin_and_camera(rng: np.random.Generator) -> Scenario:
+    """A ball in a socket, and beside it on the flange a board that a camera sees: half of the postures touch."""
+    ball = Target("ball", Place("flange"), {"P": None})
+    board = Target("board", unknown("flange"), board=parse_board("charuco:6x5:40mm:30mm:DICT_4X4_100"))
+    camera, true = lens(rng)
+    pin = Observation(kind("fixed_point"), "pin", at=unknown("base"), target=ball)
+    eye = Observation(kind("pixels", camera=camera), "eye", at=unknown("world"), target=board)
+    places = {  # in the order of the observations, as a setup's vector has it
+        "pin": within_reach(rng),
+        "eye": near(look_at(np.array([1500.0, -700.0, 500.0]), np.array([200.0, 0.0, 300.0])), rng, 60.0, 0.1),
+        "board": near(transform(np.diag([1.0, -1.0, -1.0]), np.array([-100.0, 80.0, 20.0])), rng, 15.0, 0.2),
+    }
+    points, own = rng.uniform(30, 90, (1, 3)), _numbers("eye", true)
+    setup = Setup(np.eye(4), np.eye(4), points, places, own)
+    noise = {"pin": {"position": 0.05}, "eye": {"image": 0.2}}
+    return Scenario(Task((pin, eye)), setup, noise, _priors("eye"), seen=True)
+
+
 def within_reach(rng: np.random.Generator) -> Array:
     """A place in front of the arm."""
     shift = rng.uniform(-100, 100, 3)
@@ -261,6 +279,7 @@ SCENARIOS: dict[str, Callable[[np.random.Generator], Scenario]] = {
         three_planes,
         eye_in_hand_board,
         two_cameras_board,
+        pin_and_camera,
     )
 }
 
@@ -377,6 +396,8 @@ class Witness:
         clear = np.ones(len(q), dtype=bool)
         stations = self.stations(q, {})
         for o in self.scenario.task.observations:
+            if not o.instrument.is_camera:
+                continue
             t = np.linalg.inv(self.place(stations, o.place, o.at, {})) @ self.place(
                 stations, o.target.name, o.target.at, {}
             )
@@ -453,7 +474,8 @@ def measured(model: Model, scenario: Scenario, rng: np.random.Generator) -> Arra
     if not constraints(model.measurement):
         return postures(scenario, rng)
     limit = np.full(ARM.dof, 2.8)
-    return contact_postures(model, POSES, lambda n: rng.uniform(-2.2, 2.2, (n, ARM.dof)), (-limit, limit))
+    seen = Witness(scenario).views if scenario.seen else None
+    return contact_postures(model, POSES, lambda n: rng.uniform(-2.2, 2.2, (n, ARM.dof)), (-limit, limit), seen)
 
 
 def sessions(model: Model, z: Array) -> Array:

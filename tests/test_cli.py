@@ -214,7 +214,7 @@ def test_a_stopped_run_leaves_the_old_folder(tmp_path, number):
     assert len([p for p in tmp_path.iterdir() if p.name.startswith(".result-")]) == 1
     time.sleep(0.1)
     process.send_signal(number)
-    _, err = process.communicate(timeout=30)
+    _, err = process.communicate(timeout=300)
     assert process.returncode == 128 + number
     assert b"Traceback" not in err
     assert (target / "results.json").read_text() == "old"

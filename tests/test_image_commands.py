@@ -131,7 +131,7 @@ def test_camera_command_takes_a_list_of_corners(corner_file, tmp_path):
     assert done.exit_code == 0, done.output
     corners = sc.load_corners(corner_file, (640, 480))
     expected = sc.calibrate_camera(corners, fix=("p1", "p2", "k3"), skew=True).camera
-    assert read_camera(out).numbers == pytest.approx(expected.numbers, rel=1e-9)
+    assert read_camera(out).numbers == pytest.approx(expected.numbers, rel=1e-6)
     assert expected.dist[2:] == (0.0, 0.0, 0.0)
     assert "10 of 11 views used" in done.output
     assert "p1, p2 and k3 were held at zero, as asked" in done.output

@@ -225,6 +225,10 @@ def test_a_known_distance_tells_the_length_and_a_wrong_one_is_refused(rng: np.ra
         after = calibrate(each, None, data, Options(sigma={}, scales="estimated")).after
         spread.append(spread_of_growth(each, after))
     assert spread[1] < 0.5 * spread[0]
+    after = calibrate(build_model(ARM, task(121.0)), None, data, Options())
+    assert any("what is known of 'gap'" in note for note in after.notes)
+    after = calibrate(model, None, data, Options())
+    assert not any("what is known of 'gap'" in note for note in after.notes)
     with pytest.raises(RefusedError, match="shrinks the arm by"):
         calibrate(build_model(ARM, task(115.0)), None, data, Options())
     with pytest.raises(RefusedError, match="half of the poses are off"):
@@ -414,6 +418,25 @@ def test_each_mistake_is_one_clear_error(name: str, tmp_path: Path, rng: np.rand
     assert not (tmp_path / "out").exists()
     if isinstance(caught.value, InputError):
         assert caught.value.file is not None
+
+
+SLIPS: dict[str, Callable[[list[str]], list[str]]] = {
+    "a joint of the wrong sign": lambda q: [q[0], str(-float(q[1])), *q[2:]],
+    "two joints exchanged": lambda q: [q[0], q[2], q[1], *q[3:]],
+    "degrees that are radians": lambda q: [str(np.deg2rad(float(v))) for v in q],
+}
+
+
+@pytest.mark.parametrize("slip", SLIPS)
+def test_a_slip_in_the_joints_is_refused(slip: str, tmp_path: Path, rng: np.random.Generator) -> None:
+    path = write_sessions(tmp_path, rng)
+    head, *rows = (tmp_path / "data.csv").read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    mistaken = [",".join([*row[:2], *SLIPS[slip](row[2:])]) for row in cells]
+    (tmp_path / "data.csv").write_text("\n".join([head, *mistaken]) + "\n")
+    with pytest.raises(RefusedError, match="which posture touched what"):
+        run(path, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 # --------------------------------------------------------------------------------------------------------- real sockets

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.special import gammainccinv
 
 from symcal.calibration.length import unseen_length
+from symcal.calibration.odd_values import odd_values
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Fit
@@ -26,7 +27,7 @@ _LARGER = 3.0  # factor on the plausible sizes that a reader is told
 _ADRIFT = 30.0  # scales: a sigma beyond is more than what any parameter of the links may hide
 _NAMED = 5
 _NONSENSE = 0.1  # of the robot's length
-_NOT_TOUCHING = 0.01  # of the robot's length, after the identification
+_NOT_TOUCHING = 0.005  # of the robot's length, after the identification
 _NONSENSE_TURN = np.deg2rad(20.0)
 _FAR = 0.03  # of the robot's length: postures that touch one thing are rarely so far from it by nominal kinematics
 _GROWN = 5.0  # of its plausible size: a growth of all lengths beyond is no calibration
@@ -131,7 +132,7 @@ def quality(model: Model, data: Dataset, after: Fit) -> tuple[str, ...]:
             "file is further off than stated, or the model lacks something and the parameters make up for it"
         )
     notes += _adrift(model, after)
-    notes += [*_unseen_length(model, after), *_uneven(model, after)]
+    notes += [*_unseen_length(model, after), *_uneven(model, after), *odd_values(model, after)]
     errors = model.parameters.mapping(after.x)
     large = [
         name
@@ -225,10 +226,11 @@ def _refuse_nonsense(model: Model, data: Dataset, after: Fit) -> None:
             continue
         frames = part.observation.instrument.reads == "frame"
         pose = ", the order x, y, z, w of the quaternion, 'invert' or 'reports' (whose pose it is)" if frames else ""
+        read = "which posture touched what" if part.observation.instrument.constrains else "the unit of the measurement"
         raise RefusedError(
             f"{_who(model, part)}even after the identification half of the poses are off by more than "
             f"{' and '.join(wrong)}: these are not measurements of this robot as it is described; check units, signs "
-            f"and order of the joint columns, the unit of the measurement{pose}, and the robot file"
+            f"and order of the joint columns, {read}{pose}, and the robot file"
             + "".join(f"; {note}" for note in data.notes[:3])
         )
 

@@ -29,6 +29,7 @@ _STEPS = 60
 _LONGEST = 0.3  # rad: longest step of a joint
 _LEVER = 300.0  # mm
 _DRAWS = 400  # random postures tried per wanted one
+_HOPELESS = 4000  # random postures of which none can touch
 
 
 def constraints(measurement: Measurement) -> tuple[Part, ...]:
@@ -143,7 +144,7 @@ def _postures(
     kept: list[Array] = []
     have = tried = 0
     while have < wanted:
-        if tried >= _DRAWS * max(wanted, 20):
+        if tried >= _DRAWS * max(wanted, 20) or (not have and tried >= _HOPELESS):
             name = "the free postures" if part is None else f"'{part.observation.name}'"
             raise RefusedError(
                 f"only {have} of {tried} random postures can touch {name} within the joint limits and what the plan "

@@ -37,37 +37,39 @@ class PlaneKeys(FixedPointKeys):
     radius: Annotated[float, Field(ge=0)] = 0.0
 
 
-def _tilt(tilt: float | None) -> tuple[Margin, ...]:
-    return () if tilt is None else (Margin("upright enough to touch", "rad", 0.1),)
+@dataclass(frozen=True, slots=True)
+class Constraint(Instrument):
+    """What a point of the robot touches. tilt: largest angle of the target's z axis to -z of its place, rad."""
 
+    constrains: ClassVar[bool] = True
+    sees_length: ClassVar[bool] = False
+    tilt: float | None = None
 
-def _upright(tilt: float | None, rotation: SX) -> SX:
-    """By how much the target's z axis is nearer to the way in than the largest angle, shape (1,) or (0,)."""
-    return SX(0, 1) if tilt is None else SX(tilt) - ca.acos(ca.fmin(ca.fmax(-rotation[2, 2], -1), 1))
+    @property
+    def limits(self) -> tuple[Margin, ...]:
+        return () if self.tilt is None else (Margin("upright enough to touch", "rad", 0.1),)
+
+    def margins(self, rotation: SX, point: SX, own: SX) -> SX:
+        if self.tilt is None:
+            return SX(0, 1)
+        return SX(self.tilt) - ca.acos(ca.fmin(ca.fmax(-rotation[2, 2], -1), 1))
 
 
 @dataclass(frozen=True, slots=True)
-class FixedPoint(Instrument):
-    """A ball in a socket, a tip on a pin. tilt: largest angle of the target's z axis to -z of its place, rad."""
+class FixedPoint(Constraint):
+    """A ball in a socket, a tip on a pin."""
 
     name: ClassVar[str] = "fixed_point"
     label: ClassVar[str] = "contacts with a fixed point"
     error_words: ClassVar[str] = "distance from the fixed point"
-    constrains: ClassVar[bool] = True
-    sees_length: ClassVar[bool] = False
     Config: ClassVar[type[Keys]] = FixedPointKeys
     quantities: ClassVar[tuple[Quantity, ...]] = (Quantity("position", "mm", 3, 1e-9, sigmas("x", "y", "z"), "sigma"),)
     columns: ClassVar[tuple[Column, ...]] = (("x", "mm"), ("y", "mm"), ("z", "mm"))
     sees: ClassVar[tuple[str, ...]] = ("x", "y", "z")
-    tilt: float | None = None
 
     @classmethod
     def configured(cls, keys: Any, edge: Edge) -> Self:
-        return cls(None if keys.tilt is None else keys.tilt * edge.angle)
-
-    @property
-    def limits(self) -> tuple[Margin, ...]:
-        return _tilt(self.tilt)
+        return cls(tilt=_tilt(keys, edge))
 
     def predict(self, rotation: SX, point: SX, own: SX) -> SX:
         return point
@@ -75,33 +77,23 @@ class FixedPoint(Instrument):
     def slopes(self, rotation: SX, point: SX, reading: SX | None, own: SX) -> tuple[SX, SX]:
         return ca.horzcat(SX(3, 3), SX.eye(3)), SX(3, 0)
 
-    def margins(self, rotation: SX, point: SX, own: SX) -> SX:
-        return _upright(self.tilt, rotation)
-
 
 @dataclass(frozen=True, slots=True)
-class Plane(Instrument):
-    """A flat plate that is touched. radius: of the ball, mm. tilt: as that of `FixedPoint`."""
+class Plane(Constraint):
+    """A flat plate that is touched. radius: of the ball, mm."""
 
     name: ClassVar[str] = "plane"
     label: ClassVar[str] = "contacts with a plane"
     error_words: ClassVar[str] = "distance from the plane"
-    constrains: ClassVar[bool] = True
-    sees_length: ClassVar[bool] = False
     Config: ClassVar[type[Keys]] = PlaneKeys
     quantities: ClassVar[tuple[Quantity, ...]] = (Quantity("height", "mm", 1, 1e-9, sigmas("height"), "sigma"),)
     columns: ClassVar[tuple[Column, ...]] = (("height", "mm"),)
     sees: ClassVar[tuple[str, ...]] = ("z", "rx", "ry")
     radius: float = 0.0
-    tilt: float | None = None
 
     @classmethod
     def configured(cls, keys: Any, edge: Edge) -> Self:
-        return cls(keys.radius * edge.length, None if keys.tilt is None else keys.tilt * edge.angle)
-
-    @property
-    def limits(self) -> tuple[Margin, ...]:
-        return _tilt(self.tilt)
+        return cls(radius=keys.radius * edge.length, tilt=_tilt(keys, edge))
 
     def predict(self, rotation: SX, point: SX, own: SX) -> SX:
         return point[2] - self.radius
@@ -109,5 +101,6 @@ class Plane(Instrument):
     def slopes(self, rotation: SX, point: SX, reading: SX | None, own: SX) -> tuple[SX, SX]:
         return SX(np.eye(6)[5:]), SX(1, 0)
 
-    def margins(self, rotation: SX, point: SX, own: SX) -> SX:
-        return _upright(self.tilt, rotation)
+
+def _tilt(keys: FixedPointKeys, edge: Edge) -> float | None:
+    return None if keys.tilt is None else keys.tilt * edge.angle

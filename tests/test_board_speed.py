@@ -1,8 +1,6 @@
-"""A board of 88 corners in 60 views is no burden: the numbers of its system, and the time on one core."""
+"""A board of 88 corners in 60 views is no burden: the numbers of its system. Times are those of `board_speed.py`."""
 
 from __future__ import annotations
-
-import time
 
 import numpy as np
 import pytest
@@ -13,23 +11,16 @@ from symcal.fit.estimation import Options
 from symcal.fit.residual_rows import rows_of
 from symcal.model.model import build_model
 
-_PATIENCE = 8.0  # times the wanted seconds: another program may have the core
 
-
-@pytest.mark.parametrize(("backend", "seconds"), [("auto", 1.0), ("vm", 3.0)])
-def test_sixty_views_of_a_board_are_identified_in_no_time(
-    backend: str, seconds: float, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("backend", ["auto", "vm"])
+def test_sixty_views_of_a_board_are_identified_with_a_compiler_and_without(
+    backend: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("SYMCAL_KERNELS", backend)
     rng = np.random.default_rng(1)
     data = measured(LARGE, postures(LARGE, 60, rng), errors(rng), 0.1, rng)
-    began = time.process_time()
     model = build_model(ROBOT, eye_in_hand(board(), guess=False))
-    assert time.process_time() - began < _PATIENCE * 0.3
-    calibrate(model, None, data, Options())  # with a compiler: fills its cache
-    began = time.process_time()
     found = calibrate(model, None, data, Options()).after
-    assert time.process_time() - began < _PATIENCE * seconds
     assert found.converged
     assert found.equations == int(np.isfinite(data.z).sum())
     assert found.sigmas["image"] == pytest.approx(0.1, rel=0.05)

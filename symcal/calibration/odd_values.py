@@ -17,16 +17,14 @@ _LEAST_LEFT = 1e-4
 
 def odd_values(model: Model, after: Fit) -> list[str]:
     """Which known values contradict the measurements, each with by how much."""
-    measurement, still = model.measurement, np.zeros(model.robot.dof)
     index = model.parameters.indices(after.free)
     untold = set(model.placement) - set(after.free)
     found = []
-    for value, o in zip(measurement.values, measurement.known, strict=True):
+    for o, r, jacobian in model.measurement.known_rows(after.x, after.setup):
         if not untold.isdisjoint(o.names):
             continue
-        r, jacobian = (np.asarray(each) for each in value(still, after.x, after.setup.vector))
         hat = np.einsum("ij,jk,ik->i", jacobian[:, index], after.posterior.covariance, jacobian[:, index])
-        off = float(np.max(np.abs(r.ravel()) / np.sqrt(np.maximum(1 - hat, _LEAST_LEFT))))
+        off = float(np.max(np.abs(r) / np.sqrt(np.maximum(1 - hat, _LEAST_LEFT))))
         if off > _DOUBTFUL:
             found.append(
                 f"what is known of '{o.name}' is {off:.3g} standard deviations off what was measured: is the value "

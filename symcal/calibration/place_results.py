@@ -71,17 +71,14 @@ def known_facts(calibration: Calibration, found: HeldOutPlaces) -> dict[str, dic
     value, sigma, found: a number for each column; found is None of what nothing places, and of kinds whose residual is
     no difference of readings.
     """
-    measurement, state = calibration.model.measurement, found.state
     unplaced = calibration.states["after"].unplaced
-    setup, still = state.setup.vector, np.zeros(calibration.model.robot.dof)
     out: dict[str, dict[str, Any]] = {}
-    for o, value in zip(measurement.known, measurement.values, strict=True):
+    for o, residual, _ in calibration.model.measurement.known_rows(found.state.x, found.state.setup):
         kind = o.instrument
         assert o.value is not None
         sigma = np.concatenate([np.full(q.size, o.noise[q.noise]) for q in kind.quantities])
         came_out = None
         if kind.componentwise and not _among(o.names, found.unknown):
-            residual = np.asarray(value(still, state.x, setup)[0]).ravel()
             came_out = residual * sigma + np.array(o.value)
         unit, factor = _in_unit(kind.quantities[0].unit)
         out[o.name] = {

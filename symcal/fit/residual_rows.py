@@ -85,14 +85,11 @@ class Rows:
 
     def values(self, x: Array) -> tuple[Array, Array]:
         """What is known between things, over its noise: r (k,) and J (k, n)."""
-        measurement, setup = self.measurement, self.setup.vector
-        r, jacobian = [np.zeros(0)], [np.zeros((0, len(measurement.parameters)))]
-        still = np.zeros(measurement.chain.robot.dof)
-        for value, observation in zip(measurement.values, measurement.known, strict=True):
+        r, jacobian = [np.zeros(0)], [np.zeros((0, len(self.measurement.parameters)))]
+        for observation, own, slopes in self.measurement.known_rows(x, self.setup):
             if self.unplaced.isdisjoint(observation.names):
-                found = value(still, x, setup)
-                r.append(np.asarray(found[0]).ravel())
-                jacobian.append(np.asarray(found[1]))
+                r.append(own)
+                jacobian.append(slopes)
         return np.concatenate(r), np.vstack(jacobian)
 
     def __call__(self, x: Array) -> tuple[Array, Array]:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
 from symcal.kernels import batch_function
+from symcal.model.assembled import margins_kernel
 from symcal.model.measurement import Measurement, Part, Setup
 from symcal.model.model import Model
 
@@ -121,14 +122,10 @@ def contact_postures(
     """
     parts = constraints(model.measurement)
     turns: list[Part | None] = [*parts, *([None] if len(parts) < len(model.measurement.parts) else [])]
-    x = np.zeros(len(model.parameters))
-    found = []
+    out = np.empty((count, model.robot.dof))
     for turn, part in enumerate(turns):
         wanted = len(range(turn, count, len(turns)))
-        found.append(_postures(model, part, wanted, draw, limits, feasible, x))
-    out = np.empty((count, model.robot.dof))
-    for turn, own in enumerate(found):
-        out[turn :: len(turns)] = own
+        out[turn :: len(turns)] = _postures(model, part, wanted, draw, limits, feasible)
     return out
 
 
@@ -139,8 +136,8 @@ def _postures(
     draw: Callable[[int], Array],
     limits: tuple[Array, Array],
     feasible: Callable[[Array], Mask] | None,
-    x: Array,
 ) -> Array:
+    nominal = np.zeros(len(model.parameters))
     kept: list[Array] = []
     have = tried = 0
     while have < wanted:
@@ -154,7 +151,7 @@ def _postures(
         q = draw(2 * wanted + 50)
         tried += len(q)
         if part is not None:
-            q, met = projected(model, part, q, x, *limits)
+            q, met = projected(model, part, q, nominal, *limits)
             q = q[met]
             q = q[upright(model, part, q)]
         if feasible is not None and len(q):
@@ -166,7 +163,7 @@ def _postures(
 
 def upright(model: Model, part: Part, q: Array) -> Mask:
     """Which postures keep a constraint's own limits, such as its tilt, shape (N,)."""
-    if part.margins is None or not len(q):
+    margins = margins_kernel(part, 0)
+    if margins is None or not len(q):
         return np.ones(len(q), dtype=np.bool_)
-    (margins,) = batch_function(part.margins, evaluations=0)(q, np.zeros(len(model.parameters)), model.setup.vector)
-    return np.asarray((margins.reshape(len(q), -1) > 0).all(axis=1))
+    return np.asarray((margins(q, np.zeros(len(model.parameters)), model.setup.vector) > 0).all(axis=(1, 2)))

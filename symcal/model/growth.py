@@ -22,7 +22,6 @@ Array = NDArray[np.float64]
 _POSTURES = 60
 _LEVER = 200.0  # mm: a turn weighs like the shift of a point at this distance
 _NULL = 1e-9
-_STROKE = 500.0  # mm: of a prismatic joint without limits
 
 
 def lengths(parameters: ParameterSet) -> Array:
@@ -56,18 +55,11 @@ def _unseen_anyway(chain: Chain, links: NDArray[np.intp], scales: Array, v: Arra
 def _motion(chain: Chain, links: NDArray[np.intp]) -> Array:
     """How the flange moves with errors of links, of the base and of what is on it, at postures all over: rows by k + 12
     columns."""
-    screws = tuple(chain.parameter_screws[i] for i in links)
-    origin = chain.flange[:3, 3]
-    state = {"q": chain.q, "x": chain.x, "frames": chain.frames}
-    found = {"T": chain.flange, "v": kinematics.stack(screws, origin), "w": kinematics.omegas(screws)}
-    rng = np.random.default_rng(0)
-    half = [(np.pi if j.revolute else _STROKE) for j in chain.robot.joints]
-    lower = np.where(np.isfinite(chain.robot.lower), chain.robot.lower, -np.array(half))
-    upper = np.where(np.isfinite(chain.robot.upper), chain.robot.upper, half)
-    q = rng.uniform(lower, upper, (_POSTURES, chain.robot.dof))
-    frames = kinematics.frame_vector(np.eye(4), np.eye(4))
-    kernel = batch_function(kinematics.function("growth", state, found), evaluations=0)
-    pose, v, w = kernel(q, np.zeros(len(chain.parameters)), frames)
+    q = np.random.default_rng(0).uniform(*chain.robot.ranges, (_POSTURES, chain.robot.dof))
+    kernel = batch_function(kinematics.forward(chain), evaluations=0)
+    bare = kinematics.frame_vector(np.eye(4), np.eye(4))  # the tool is the flange
+    pose, _, jacobian = kernel(q, np.zeros(len(chain.parameters)), bare)
+    v, w = jacobian[:, :3, links], jacobian[:, 3:, links]
     rotation, still = pose[:, :3, :3], np.zeros((_POSTURES, 3, 3))
     base = np.concatenate(
         [np.broadcast_to(np.eye(3), still.shape), np.cross(np.eye(3), pose[:, None, :3, 3]).swapaxes(1, 2)], axis=2

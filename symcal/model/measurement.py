@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import casadi as ca
@@ -157,6 +157,13 @@ class Measurement:
     growth: Array = field(default_factory=lambda: np.zeros(0))
     known: tuple[Observation, ...] = ()
     values: tuple[ca.Function, ...] = ()
+
+    def known_rows(self, x: Array, setup: Setup) -> Iterator[tuple[Observation, Array, Array]]:
+        """Every known value with its residual over its noise, shape (k,), and the slopes of that, shape (k, n)."""
+        still = np.zeros(self.chain.robot.dof)  # whatever the posture
+        for observation, value in zip(self.known, self.values, strict=True):
+            r, jacobian = value(still, x, setup.vector)
+            yield observation, np.asarray(r).ravel(), np.asarray(jacobian)
 
     @property
     def parameters(self) -> ParameterSet:

@@ -191,8 +191,8 @@ def _priors(measurement: Measurement, names: tuple[str, ...], extra: Array | Non
 
 def _known(measurement: Measurement, setup: Setup, names: tuple[str, ...], extra: Array | None) -> Array | None:
     """Whitened rows of what is known between things, beside further ones, shape (k, p)."""
-    still, x = np.zeros(measurement.chain.robot.dof), np.zeros(len(measurement.parameters))
     index = measurement.parameters.indices(names)
-    rows = [np.asarray(value(still, x, setup.vector)[1])[:, index] for value in measurement.values]
+    known = measurement.known_rows(np.zeros(len(measurement.parameters)), setup)
+    rows = [slopes[:, index] for _, _, slopes in known]
     rows += [] if extra is None else [extra]
     return np.vstack(rows) if rows else None

@@ -31,6 +31,8 @@ from symcal.units import ANGLE, LENGTH, AngleUnit, LengthUnit
 
 Array = NDArray[np.float64]
 
+_HALF_STROKE = 500.0  # mm: of a prismatic joint without limits
+
 
 # The elementary motions of a link transform, in the order in which they multiply: (parameter, axis).
 ELEMENTS: dict[Convention, tuple[tuple[str, int], ...]] = {
@@ -130,6 +132,14 @@ class Robot:
     def upper(self) -> Array:
         """Upper limits of the readings, shape (n,), rad or mm."""
         return np.array([joint.upper for joint in self.joints])
+
+    @property
+    def ranges(self) -> tuple[Array, Array]:
+        """Lower and upper readings between which postures stand for all, shape (n,) each: the limits, and for joints
+        without them a turn, or a metre, about zero."""
+        half = np.array([np.pi if joint.revolute else _HALF_STROKE for joint in self.joints])
+        limited = np.isfinite(self.upper - self.lower)
+        return np.where(limited, self.lower, -half), np.where(limited, self.upper, half)
 
     @property
     def parameters(self) -> dict[str, float]:

@@ -28,7 +28,6 @@ Array = NDArray[np.float64]
 
 _PARALLEL = np.deg2rad(5.0)
 _SAMPLE = 300  # poses: many more than parameters, so that the rank is the model's and not the sample's
-_FREE_RANGE = {True: np.pi, False: 500.0}  # half range for joints without limits, rad and mm
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,20 +140,15 @@ def pose_at_zero(robot: Robot) -> Array:
 def potential(model: Model) -> Identifiability:
     """What noise-free measurements over the whole joint ranges could see (numerical rank)."""
     free = (*model.kinematic, *model.placement)
-    still, x = np.zeros(model.robot.dof), np.zeros(len(model.parameters))
-    known = [np.asarray(value(still, x, model.setup.vector)[1]) for value in model.measurement.values]
-    stacked = np.vstack([_sampled(model).reshape(-1, len(model.parameters)), *known])
+    known = model.measurement.known_rows(np.zeros(len(model.parameters)), model.setup)
+    stacked = np.vstack([_sampled(model).reshape(-1, len(model.parameters)), *(slopes for _, _, slopes in known)])
     return analyse(stacked, model.parameters, free, noise_known=False)
 
 
 def _sampled(model: Model) -> Array:
     """Weighted Jacobians at many poses, shape (N, m, n); zero of what a posture does not touch."""
     rng = np.random.default_rng(0)
-    ranges = [
-        (j.lower, j.upper) if np.isfinite(j.upper - j.lower) else (-_FREE_RANGE[j.revolute], _FREE_RANGE[j.revolute])
-        for j in model.robot.joints
-    ]
-    lower, upper = np.array(ranges).T
+    lower, upper = model.robot.ranges
     setup, x = _somewhere(model, rng)
     setup = _within_reach(model, setup, x, lower, upper, rng)
     # orientations weigh like a point at 200 mm, so that the numerical rank does not depend on units

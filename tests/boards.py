@@ -42,11 +42,17 @@ LYING = transform(Rotation.from_euler("xyz", [np.pi + 0.1, 0.05, 0.3]).as_matrix
 """T_flange_camera, and T_world_board: its printed side is up."""
 
 
+def lying(which: sc.Board) -> Array:
+    """T_world_board with the printed side up, whichever that is."""
+    return LYING if which.facing < 0 else LYING @ transform(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
+
+
 def eye_in_hand(target: sc.Target, *, guess: bool = True, calibrate: bool = True) -> sc.Task:
     """A camera on the flange; where it and the target stand is unknown, with the truth as a guess or none."""
     eye = seen_by(CAMERA, calibrate=calibrate)
     at = sc.Place("flange", MOUNT if guess else None, True)
-    there = replace(target, at=sc.Place("world", LYING if guess else None, True))
+    place = LYING if target.board is None else lying(target.board)
+    there = replace(target, at=sc.Place("world", place if guess else None, True))
     return sc.Task((sc.Observation(eye, "eye", at=at, target=there),))
 
 
@@ -76,7 +82,8 @@ def flange_of(model: Model) -> Callable[[Array], Array]:
 def postures(which: sc.Board, count: int, rng: np.random.Generator, spread: float = 1.0) -> Array:
     """Joint readings from which the camera in the hand looks at a board; views turn and move by so much of the most."""
     flange, found = flange_of(built(which)), []
-    centre = LYING[:3, :3] @ which.points.mean(axis=0) + LYING[:3, 3]
+    place = lying(which)
+    centre = place[:3, :3] @ which.points.mean(axis=0) + place[:3, 3]
     while len(found) < count:
         away = -LYING[:3, 2] + spread * 0.8 * rng.normal(size=3)
         eye = centre + away / np.linalg.norm(away) * (500.0 + spread * rng.uniform(-120.0, 150.0))

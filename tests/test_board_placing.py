@@ -17,6 +17,7 @@ from boards import (
     errors,
     eye_in_hand,
     flange_of,
+    lying,
     measured,
     postures,
 )
@@ -64,6 +65,18 @@ def test_mount_and_board_are_found_where_neither_is_known(
     found = placed(built(LARGE, guess=False), data, Options())
     near(found.setup, mm, rad)
     assert not found.notes
+
+
+def test_a_grid_of_tags_is_seen_from_its_own_printed_side() -> None:
+    """Its z is out of the print, that of the other boards into it."""
+    tags = sc.parse_board("aprilgrid:4x3:60mm:18mm")
+    rng = np.random.default_rng(3)
+    data = measured(tags, postures(tags, 20, rng), {}, 0.1, rng)
+    found = placed(built(tags, guess=False), data, Options())
+    for name, true in (("eye", MOUNT), ("board", lying(tags))):
+        shift, turn = off(found.setup.places[name], true)
+        assert shift < 0.5, name
+        assert turn < 2e-3, name
 
 
 def test_a_robot_that_is_off_is_no_obstacle() -> None:

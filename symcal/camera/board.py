@@ -95,6 +95,11 @@ class Board:
         """+1 if the printed face looks along the board's +z, -1 if along -z."""
         return 1 if self.kind == "aprilgrid" else -1
 
+    @property
+    def normal(self) -> tuple[float, float, float]:
+        """Unit vector out of the printed face, in the board's frame."""
+        return (0.0, 0.0, float(self.facing))
+
     def __str__(self) -> str:
         extra = self.marker if self.gap is None else self.gap
         tail = "" if extra is None else f":{extra:.12g}mm:{self.dictionary}"

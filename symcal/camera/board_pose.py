@@ -62,7 +62,7 @@ def board_pose(camera: Camera, board: Board, indices: NDArray[np.intp], pixels: 
         indices: which of `Board.points`, shape (n,). pixels: where, shape (n, 2), px.
     """
     points = board.points[indices]
-    starts, errors = planar_poses(camera, points, pixels[None], np.array([0.0, 0.0, board.facing]))
+    starts, errors = planar_poses(camera, points, pixels[None], np.array(board.normal))
     found = [
         fitted
         for start, error in zip(starts[0], errors[0], strict=True)

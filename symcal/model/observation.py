@@ -93,7 +93,7 @@ class Target:
     def face(self) -> Point | None:
         """Normal of the side that cameras see, in its frame; None of what is seen from all sides."""
         if self.board is not None:
-            return (0.0, 0.0, float(self.board.facing))
+            return self.board.normal
         return None if self.marks is None else self.marks.normal
 
     @property

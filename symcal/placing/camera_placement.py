@@ -55,7 +55,7 @@ def target_poses(camera: Camera, target: Target | Board, pixels: Array) -> list[
         pixels: shape (N, n, 2), px; NaN where a point was not seen.
     """
     if isinstance(target, Board):
-        both, errors = planar_poses(camera, target.points, pixels, np.array([0.0, 0.0, -1.0]))
+        both, errors = planar_poses(camera, target.points, pixels, np.array(target.normal))
         return [_likely(poses, error) for poses, error in zip(both, errors, strict=True)]
     seen: NDArray[np.bool_] = np.asarray(np.isfinite(pixels).all(axis=2))
     found = [np.zeros((0, 4, 4)) for _ in pixels]

@@ -120,7 +120,7 @@ def unknown_words(task: Task) -> list[str]:
         "tool": task.tool,
         "points": any(o.target.unknown_points for o in task.observations if o.instrument.reads == "points"),
         "camera": cameras and any(o.at.unknown for o in task.observations if o.instrument.camera is not None),
-        "intrinsics": cameras and any(o.instrument.unknowns("")[0] for o in task.observations),
+        "intrinsics": cameras and any(o.instrument.has_unknowns for o in task.observations),
     }
     places = sorted(
         {o.place for o in task.observations if o.at.unknown and o.instrument.camera is None}

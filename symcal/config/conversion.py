@@ -19,6 +19,7 @@ from symcal.config.experiment import experiment_type
 from symcal.config.measurements import FileData as FileData
 from symcal.config.measurements import ImagesData as ImagesData
 from symcal.config.measurements import SplitConfig
+from symcal.config.observations import board_of as board_of
 from symcal.config.observations import observed
 from symcal.config.sources import existing as existing
 from symcal.config.sources import layout_of as layout_of

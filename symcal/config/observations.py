@@ -277,7 +277,7 @@ def _target(
     if config.file is not None:
         marks = read_target(existing(document, config.file, (*key, "file"), "target file"))
         points = {**marks.by_name}
-    board = None if config.board is None else _board(config.board, document, (*key, "board"))
+    board = None if config.board is None else board_of(config.board, document, (*key, "board"))
     if instrument.reads == "points" and not points and not axes and board is None:
         points = {"P": (0.0, 0.0, 0.0)}  # the origin of the place itself
     if instrument.reads == "axes" and not axes and not points:
@@ -292,7 +292,8 @@ def _target(
     return replace(made, least=len(made.points) if config.seen == "whole" else config.seen)
 
 
-def _board(text: str, document: Document, key: Key) -> Board:
+def board_of(text: str, document: Document, key: Key) -> Board:
+    """The board of a text in the file."""
     try:
         return parse_board(text)
     except InputError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.ticker import FuncFormatter
@@ -57,8 +58,13 @@ def example_images(examples: Sequence[Example]) -> Illustration:
             step = max(1, width // 900)
             frame = (-0.5, width - 0.5, height - 0.5, -0.5)
             axes.imshow(example.image[::step, ::step], cmap="gray", vmin=0, vmax=255, extent=frame)
-            marks = {"linestyle": "none", "marker": "+", "markersize": 4 if example.labels else 3, "color": VERMILION}
-            axes.plot(example.pixels[:, 0], example.pixels[:, 1], **marks)  # type: ignore[arg-type]
+            marks: dict[str, Any] = {
+                "linestyle": "none",
+                "marker": "+",
+                "markersize": 4 if example.labels else 3,
+                "color": VERMILION,
+            }
+            axes.plot(example.pixels[:, 0], example.pixels[:, 1], **marks)
             for (u, v), label in zip(example.pixels, example.labels, strict=False):
                 axes.annotate(escaped(label), (u, v), xytext=(5, 4), textcoords="offset points", color=VERMILION)
             axes.set_axis_off()

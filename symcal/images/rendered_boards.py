@@ -15,14 +15,13 @@ from numpy.typing import NDArray
 
 from symcal.calibration.compensation_check import true_robot
 from symcal.calibration.simulate import simulate
-from symcal.camera.board import Board, parse_board
+from symcal.camera.board import Board
 from symcal.camera.camera import Camera
 from symcal.camera.files import read_camera
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, RenderedData
 from symcal.data.dataset import Dataset
 from symcal.documents.document import Document
-from symcal.errors import InputError
 from symcal.images.entries import EntryImages, measure_entry
 from symcal.images.rendered import calibrate_rendered
 from symcal.images.shots import Shot, Shots
@@ -96,7 +95,9 @@ def render_boards(
     calibration, _ = calibrate_rendered(
         lens, _board(source, observation, document), source.views, look, for_board, progress
     )
-    own = build_model(model.robot, _seen_by(model.task, calibration.camera, calibrate=_calibrates(observation)))
+    own = build_model(
+        model.robot, _seen_by(model.task, calibration.camera, calibrate=observation.instrument.has_unknowns)
+    )
     shots = _shots(lens, observation, _true_poses(true_model, errors, q), q, look, for_noise)
     entry = measure_entry(own.task.observations[0], shots, model.robot, progress, source.examples)
     exact = simulate(true_model, errors, q, Noise(), for_noise)
@@ -126,14 +127,7 @@ def _board(source: RenderedData, observation: Observation, document: Document) -
     assert observation.target.board is not None
     if source.board is None:
         return observation.target.board
-    try:
-        return parse_board(source.board)
-    except InputError as error:
-        raise document.error(error.message, ("data", "board"), found=error.found, allowed=error.allowed) from None
-
-
-def _calibrates(observation: Observation) -> bool:
-    return bool(observation.instrument.unknowns("")[0])
+    return config.board_of(source.board, document, ("data", "board"))
 
 
 def _seen_by(task: Task, camera: Camera, *, calibrate: bool) -> Task:

@@ -15,14 +15,13 @@ from symcal.calibration.compensation_check import true_robot
 from symcal.calibration.evaluate import Errors
 from symcal.calibration.identify import Calibration, baseline_model, calibrate
 from symcal.calibration.simulate import simulate
-from symcal.camera.board import parse_board
 from symcal.camera.camera import Camera
 from symcal.camera.files import read_camera
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, RenderedData, SimulatedData
 from symcal.data.dataset import Dataset
 from symcal.documents.document import Document
-from symcal.errors import InputError, RefusedError
+from symcal.errors import RefusedError
 from symcal.fit.estimation import Options
 from symcal.images.comparison import Ways, compare_ways
 from symcal.images.examples import Example
@@ -189,7 +188,7 @@ def _told(model: Model, scene: Scene) -> Scene:
 def _telling(task: Task, scene: Scene) -> Task:
     """The task where camera, its place and the target are those of a scene."""
     (observation,) = task.observations
-    kind = seen_by(scene.camera, calibrate=bool(observation.instrument.unknowns("")[0]))
+    kind = seen_by(scene.camera, calibrate=observation.instrument.has_unknowns)
     place = replace(observation.at, frame=scene.T_world_camera)
     return task.observed([replace(observation.with_marks(scene.target), instrument=kind, at=place)])
 
@@ -210,10 +209,7 @@ def _render(
     scene, (for_board, for_noise) = model.task.scene, rngs
     assert scene is not None
     look = Look(**source.image.model_dump())
-    try:
-        board = parse_board(source.board)
-    except InputError as error:
-        raise document.error(error.message, ("data", "board"), found=error.found, allowed=error.allowed) from None
+    board = config.board_of(source.board, document, ("data", "board"))
     calibrated, image = calibrate_rendered(lens, board, source.views, look, for_board, progress)
     seeds = np.random.SeedSequence(int(for_noise.integers(2**63))).spawn(len(q))
     shots = target_shots(lens, scene.target, poses, q, look, seeds)

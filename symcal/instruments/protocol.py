@@ -152,6 +152,11 @@ class Instrument:
         """Those of its own numbers that are to be found, their names with this prefix, and what is known of them."""
         return (), ()
 
+    @property
+    def has_unknowns(self) -> bool:
+        """Whether any of its own numbers is to be found."""
+        return bool(self.unknowns("")[0])
+
     def by_axis(self, *, observed: bool) -> Self:
         """The instrument with all components of its residual in its own axes, for a noise by axis.
 

@@ -45,7 +45,7 @@ def _known(value: Observation, observations: Sequence[Observation], robot: Robot
     if kind.constrains:
         message = "a contact has no value: say where its place is"
         raise InputError(message, key=f"{key}.value", found=kind.name)
-    if kind.unknowns(value.prefix)[0]:
+    if kind.has_unknowns:
         message = "a value says nothing of an instrument that has unknown numbers of its own: leave them out"
         raise InputError(message, key=key, found=kind.unknowns(value.prefix)[0][0].name)
     if given.shape != (len(kind.columns) * max(len(value.features), 1),) or not np.isfinite(given).all():

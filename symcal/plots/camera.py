@@ -13,6 +13,7 @@ from symcal.plots.style import (
     Illustration,
     escaped,
     grid,
+    over_image,
     print_settings,
     settle,
     sheet,
@@ -48,10 +49,7 @@ def coverage(calibration: CameraCalibration) -> Illustration:
                 linewidth=0,
                 zorder=1,
             )
-        axes.set_xlim(-0.5, camera.width - 0.5)
-        axes.set_ylim(camera.height - 0.5, -0.5)
-        axes.set_aspect("equal")
-        axes.set(xlabel="u / px", ylabel="v / px")
+        over_image(axes, camera.width, camera.height)
     empty = int((counts == 0).sum())
     caption = (
         f"{len(points)} points of the board in {plural(len(used), 'view')}; "

@@ -18,6 +18,7 @@ from symcal.plots.style import (
     WIDE,
     Illustration,
     grid,
+    over_image,
     print_settings,
     settle,
     sheet,
@@ -77,10 +78,7 @@ def _of_camera(part: Part, data: Dataset, r: Array, *, alone: bool) -> Illustrat
                 width=0.003,
                 zorder=3,
             )
-        over.set_xlim(-0.5, camera.width - 0.5)
-        over.set_ylim(camera.height - 0.5, -0.5)
-        over.set_aspect("equal")
-        over.set(xlabel="u / px", ylabel="v / px")
+        over_image(over, camera.width, camera.height)
         test = np.array([data.split[i] == "test" for i in views])
         place = np.arange(len(views))
         bars.bar(place[~test], rms[~test], color=BLUE, width=0.75, label="training")

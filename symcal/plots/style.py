@@ -142,6 +142,14 @@ def escaped(text: str) -> str:
     return text.replace("$", r"\$")
 
 
+def over_image(axes: Axes, width: int, height: int) -> None:
+    """Axes over an image of so many pixels: equal, v downwards."""
+    axes.set_xlim(-0.5, width - 0.5)
+    axes.set_ylim(height - 0.5, -0.5)
+    axes.set_aspect("equal")
+    axes.set(xlabel="u / px", ylabel="v / px")
+
+
 def grid(axes: Axes, axis: str = "y") -> None:
     axes.grid(True, axis=axis)  # type: ignore[arg-type]
     axes.tick_params(which="both", direction="out")

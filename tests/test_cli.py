@@ -201,7 +201,7 @@ def test_a_stopped_run_leaves_the_old_folder(tmp_path, number):
     target.mkdir()
     (target / "results.json").write_text("old")
     script = (
-        "import sys, time, symcal.runs.experiment as e; from symcal.cli import main\n"
+        "import sys, time, symcal.runs.identification_folder as e; from symcal.cli import main\n"
         "def write(*_): print('writing', flush=True); time.sleep(60)\n"
         "e.write = write; sys.argv[1:] = ['run', 'experiment.yaml', '--out', 'result']; main()"
     )

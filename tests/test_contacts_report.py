@@ -40,7 +40,7 @@ from symcal.report.verdict import verdict
 from symcal.robot.robot import load_robot
 from symcal.runs.data import measurements
 from symcal.runs.experiment import Outcome, identify_experiment
-from symcal.runs.experiment import write as write_run
+from symcal.runs.identification_folder import write as write_run
 from symcal.runs.load import load
 from symcal.runs.plan import plan_experiment
 from symcal.runs.plan import write as write_plan_run

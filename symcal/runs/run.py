@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from symcal.runs.experiment import write_identification
 from symcal.runs.folder import require_replaceable
+from symcal.runs.identification_folder import write_identification
 from symcal.runs.load import load
 from symcal.runs.study import write_study
 

@@ -1,0 +1,118 @@
+"""What an identification leaves: numbers, tables, robot, measurements, C code, figures, report in a run's folder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from symcal.config import conversion as config
+from symcal.config.conversion import FileData
+from symcal.data.saved_measurements import save_measurements
+from symcal.documents.document import write_document
+from symcal.images.entries import measured_head
+from symcal.images.files import write_images
+from symcal.model.contact import constraints, touched_names
+from symcal.planning.plan_file import write_plan
+from symcal.robot.robot import Robot, save_robot
+from symcal.runs.code import with_code
+from symcal.runs.experiment import Outcome, Progress, identify_experiment
+from symcal.runs.folder import run_folder, write_json
+from symcal.runs.load import Experiment
+from symcal.runs.tables import tables
+
+
+def write_identification(
+    experiment: Experiment, target: Path, *, data: Path | None = None, progress: Progress = lambda _: None
+) -> Mapping[str, Any]:
+    """Measure (or read), identify, evaluate, and write the run's folder; the content of its results.json."""
+    outcome = identify_experiment(experiment, data=data, progress=progress)
+    with run_folder(target) as folder:
+        outcome = write(outcome, folder, progress)
+    return outcome.content
+
+
+def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
+    """Everything a run leaves: numbers, tables, robot, measurements, C code, figures, report.
+
+    Returns:
+        the outcome, with what became of the C code in its content.
+    """
+    experiment, calibration = outcome.experiment, outcome.calibration
+    if experiment.file.outputs.c:
+        progress("exporting C")
+        outcome = replace(outcome, content=with_code(outcome.content, calibration.robot, folder, experiment.seed))
+    write_json(folder / "results.json", outcome.content)
+    save_robot(_with_provenance(outcome), folder / "calibrated.yaml")
+    _save_measurements(outcome, folder)
+    if outcome.planned is not None:
+        motion = outcome.planned.motion if outcome.planned.timed else None
+        poses, model = outcome.planned.plan.poses, experiment.model
+        touches = touched_names(model.measurement, model.setup, poses) if constraints(model.measurement) else None
+        write_plan(folder / "plan.csv", experiment.robot, poses, motion, touches=touches)
+    resolved = config.resolved(experiment.file, experiment.document, folder)
+    write_document(folder / "experiment.resolved.yaml", resolved | {"seed": experiment.seed})
+    (folder / "tables").mkdir()
+    for name, table in tables(outcome.content, calibration, outcome.data, outcome.errors).items():
+        table.to_csv(folder / "tables" / f"{name}.csv", index=False)
+    if outcome.images is not None and outcome.images.images is not None:
+        write_images(outcome.images.images.camera, outcome.images.images.examples, folder)
+    if outcome.rendered is not None:
+        write_images(outcome.rendered.calibration, outcome.rendered.entry.examples, folder)
+    if not (experiment.file.outputs.figures or experiment.file.outputs.report):
+        return outcome
+    from symcal.images.figures import example_images, image_figures
+    from symcal.plots import identification_figures
+    from symcal.plots.handover import handover_figures
+    from symcal.plots.save import save_figures
+    from symcal.report import write_report
+
+    progress("drawing")
+    illustrations = identification_figures(calibration, outcome.data, outcome.errors, outcome.content["against"])
+    if outcome.handover is not None:
+        illustrations += handover_figures(outcome.handover)
+    if outcome.images is not None:
+        illustrations += image_figures(outcome.images)
+    examples = [example for entry in outcome.measured_in for example in entry.examples]
+    if examples:
+        illustrations += (example_images(examples),)
+    pictures = save_figures(illustrations, folder / "figures")
+    if experiment.file.outputs.report:
+        progress("writing the report")
+        write_report(outcome.content, pictures, folder / "report.pdf")
+    return outcome
+
+
+def _save_measurements(outcome: Outcome, folder: Path) -> None:
+    """One file, or one for each instrument in a folder; of images with what was not measured in the file's head."""
+    data, robot = outcome.data, outcome.experiment.robot
+    heads = {entry.data.only.name: measured_head(entry.measured) for entry in outcome.measured_in}
+    if len(data.of) == 1:
+        save_measurements(data, robot, folder / "measurements.csv", heads.get(data.only.name, ()))
+        return
+    (folder / "measurements").mkdir()
+    for each in data.of:
+        file = folder / "measurements" / f"{each.name}.csv"
+        save_measurements(data.read_by(each.name), robot, file, heads.get(each.name, ()))
+
+
+def _with_provenance(outcome: Outcome) -> Robot:
+    robot = outcome.calibration.robot
+    if robot.record is None:
+        return robot
+    content = outcome.content
+    facts = {k: content[k] for k in ("name", "seed", "versions", "inputs", "warnings", "accuracy", "against")}
+    layouts = {
+        name: {
+            "columns": dict(own.columns),
+            "delimiter": own.delimiter,
+            "decimal": own.decimal,
+            "where": dict(own.where),
+        }
+        for name, own in config.sources(outcome.experiment.file).items()
+        if isinstance(own, FileData)
+    }
+    if layouts:  # so that new files of the same layout can be read for validation
+        facts["layout"] = layouts
+    return replace(robot, record=replace(robot.record, provenance=dict(robot.record.provenance) | facts))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from symcal.errors import InputError
 
 Array = NDArray[np.float64]
-Unit = Literal["mm", "rad", "px", "1"]
+Unit = Literal["mm", "rad", "px", "1", "rad/mm", "mm/rad", "rad/Nmm", "mm/N"]
 
 SCALE: dict[str, float] = {"mm": 1.0, "rad": 0.010}
 """Plausible size of an error that nothing else is said about: 1 mm and 10 mrad."""
@@ -66,6 +66,7 @@ class Parameter:
     scale: plausible size of its error; prior_sigma: standard deviation of a prior on the error, or None.
     unknown: nothing is known of it before it is measured (frames, points, a camera that was not calibrated): its scale
         then says what counts as seen, not what is plausible.
+    group: of joint terms, those that share one common factor on their sizes; empty: links, which share another.
     """
 
     name: str
@@ -74,6 +75,7 @@ class Parameter:
     scale: float
     prior_sigma: float | None = None
     unknown: bool = False
+    group: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,6 +20,17 @@ SHOWN_UNITS: dict[str, str] = {"mm": "mm", "rad": "deg", "px": "px"}
 """In what people are shown the program's units."""
 
 
+def unit_factor(unit: str, length: float, angle: float) -> float:
+    """What one of a file's units is in the program's: of mm, rad, 1 and their ratios (rad/mm, rad/Nmm, ...).
+
+    Args:
+        length, angle: mm and rad per unit of the file; newtons stay.
+    """
+    top, _, bottom = unit.partition("/")
+    factors = {"mm": length, "rad": angle, "Nmm": length}
+    return factors.get(top, 1.0) / factors.get(bottom, 1.0)
+
+
 def split_unit(column: str) -> tuple[str, str | None]:
     """`'q1_deg'` as `('q1', 'deg')`; the unit is None when the name ends in none that is known."""
     stem, _, last = column.rpartition("_")

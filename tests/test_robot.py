@@ -286,7 +286,7 @@ calibration:
     [
         ("[[1.0e-6, 0], [0, 0]]", "[[1, 0]]", 15, "calibration.covariance", "2 x 2"),
         ("[[1.0e-6, 0], [0, 0]]", "[[1, .nan], [0, 0]]", 15, "calibration.covariance[0][1]", "NaN"),
-        ("errors: {alpha_2", "errors: {alpha_5", 13, "calibration.errors.alpha_5", "no such link parameter"),
+        ("errors: {alpha_2", "errors: {alpha_5", 13, "calibration.errors.alpha_5", "no such parameter"),
         ("sigmas: {alpha_2", "sigmas: {alpha_3", 14, "calibration.sigmas.alpha_3", "did you mean 'alpha_2'?"),
         ("  nominal_tool: {xyz: [0, 0, 0]}\n", "", 12, "calibration.nominal_tool", "missing"),
     ],

@@ -20,13 +20,20 @@ Array = NDArray[np.float64]
 
 
 def simulate(
-    model: Model, truth: Mapping[str, float], q: Array, noise: Noise, rng: np.random.Generator, split: str = "train"
+    model: Model,
+    truth: Mapping[str, float],
+    q: Array,
+    noise: Noise,
+    rng: np.random.Generator,
+    split: str = "train",
+    conditions: Mapping[str, Array] | None = None,
 ) -> Dataset:
     """What the instrument would give for a robot with known errors.
 
     Args:
         truth: errors by parameter name, mm and rad. q: joint readings, shape (N, dof); a constraint is touched by the
-            postures that nominally lie on it, see `symcal.model.contact`.
+            postures that nominally lie on it, see `symcal.model.contact`. conditions: by name, shape (N,), of joint
+            terms that depend on them (`Dataset.conditions`); those of contacts are nominal.
     Returns:
         measurements with noise, and the readings at which the true robot touches; NaN for a feature that the instrument
         cannot read there, such as a point out of the camera's image, and for a target of which too little is seen.
@@ -37,7 +44,7 @@ def simulate(
     touching = touched(model.measurement, model.setup, q)
     q = _touching(model, x, q, touching, noise, rng)
     contacts = {part.observation.name: touching[:, i] for i, part in enumerate(constraints(model.measurement))}
-    (h,) = readings_kernel(model.measurement, len(q))(q, x, model.setup.vector)
+    (h,) = readings_kernel(model.measurement, len(q))(q, x, model.setup.under(conditions or {}))
     z = np.empty_like(h)
     for part in model.measurement.parts:
         o = part.observation
@@ -57,6 +64,7 @@ def simulate(
         labels=tuple(str(i) for i in range(len(q))),
         split=(split,) * len(q),
         provenance="simulated",
+        conditions=conditions or {},
     )
 
 

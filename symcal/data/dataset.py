@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -66,6 +66,8 @@ class Dataset:
     sigma: standard deviation of every residual component, shape (N, m), mm, rad and px; NaN where the file gives none.
     covariance: of the residual components of every pose, shape (N, m, m), where they are correlated: it then stands for
         the noise instead of ``sigma``. Directions without variance are exact by construction and say nothing.
+    conditions: what else the file says of every pose, by name, shape (N,): the direction in which a joint came to its
+        reading (`q2_direction`: -1, 1; 0 not known), `payload` in kg beyond that of the robot file.
     labels: the pose's name in its source, after its session where there are several. split: `train`, `test` or
         `unused` per pose.
     """
@@ -79,6 +81,7 @@ class Dataset:
     provenance: str = ""
     notes: tuple[str, ...] = field(default=())
     covariance: Array | None = None
+    conditions: Mapping[str, Array] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.q)
@@ -114,6 +117,7 @@ class Dataset:
             split=tuple(self.split[i] for i in index),
             sigma=None if self.sigma is None else self.sigma[index],
             covariance=None if self.covariance is None else self.covariance[index],
+            conditions={name: values[index] for name, values in self.conditions.items()},
         )
 
     def part(self, split: str) -> Dataset:
@@ -175,6 +179,16 @@ def merged(sets: Sequence[Dataset], sessions: Sequence[str]) -> Dataset:
         labels=tuple(rows),
         split=tuple(data.split[i] for data, i in first),
         sigma=sigma if any(data.sigma is not None for data in sets) else None,
+        conditions=_conditions(first),
         provenance=", ".join(dict.fromkeys(data.provenance for data in sets)),
         notes=tuple(f"{data.only.name}: {note}" for data in sets for note in data.notes),
     )
+
+
+def _conditions(poses: Sequence[tuple[Dataset, int]]) -> dict[str, Array]:
+    """Conditions of poses of several sets; nominal where a set says nothing."""
+    names = dict.fromkeys(name for data, _ in poses for name in data.conditions)
+    return {
+        name: np.array([data.conditions[name][i] if name in data.conditions else 0.0 for data, i in poses])
+        for name in names
+    }

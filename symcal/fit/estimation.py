@@ -27,7 +27,7 @@ from symcal.fit.posterior import Posterior, posterior_of
 from symcal.fit.residual_rows import Rows
 from symcal.fit.variance_components import Components
 from symcal.fit.variances import VarianceModel, Variances
-from symcal.fit.whitened import whitened
+from symcal.fit.whitened import LINKS, whitened
 from symcal.model.measurement import Setup
 from symcal.solvers import SOLVERS, SolverName
 from symcal.solvers.least_squares import Problem, Solution, Tolerances
@@ -65,7 +65,8 @@ class Fit:
 
     x: errors of all parameters, shape (n,). free: names of the estimated ones. setup: the frames that x refers to.
     sigmas: noise per group; estimated: the groups whose sigma came from the data.
-    factor: s, the common factor on the plausible sizes; factor_estimated: whether it came from the data.
+    factor: s, the common factor on the plausible sizes of links; factor_estimated: whether it came from the data.
+    factors: the same of every group of joint terms.
     posterior: of the free parameters. identifiability: at the estimate, for the sizes as stated.
     dof: equations less the effective number of parameters learnt from them (the trace of the projection).
     chi_squared: sum of squared whitened residuals; about ``dof`` when the noise is right.
@@ -93,6 +94,7 @@ class Fit:
     weights: Array
     path: Array
     trouble: str = ""
+    factors: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def iterations(self) -> int:
@@ -126,6 +128,23 @@ def fit(
     Raises:
         RefusedError: fewer equations than unknowns that the data could see, or a model that gives no finite number.
     """
+    model = variance_model(rows, free, options, reference, prior_mean=prior_mean)
+    reference, rows = model.system.reference, model.system.rows
+    if not np.isfinite(rows.residual(reference)).all():
+        raise RefusedError("the model gives no finite number at the first guess: check joint readings and units")
+    check_redundancy(rows, free, bool(model.estimated))
+    return _Search(model, options).best(reference, nested)
+
+
+def variance_model(
+    rows: Rows,
+    free: tuple[str, ...],
+    options: Options,
+    reference: Array | None = None,
+    *,
+    prior_mean: Array | None = None,
+) -> VarianceModel:
+    """The system of a fit, and which variances in it are unknown; arguments as of `fit`."""
     rows = rows.decorrelated()
     nothing = np.zeros(len(rows.measurement.parameters))
     reference = nothing if reference is None else reference
@@ -133,12 +152,9 @@ def fit(
     known = known_sigma(rows, options.sigma)
     missing = np.isnan(known) & rows.seen
     estimated = unknown_noise(rows, known)
-    if not np.isfinite(rows.residual(reference)).all():
-        raise RefusedError("the model gives no finite number at the first guess: check joint readings and units")
-    check_redundancy(rows, free, bool(estimated))
-    sized = options.scales == "estimated" and bool(system.before.sized.any())
-    model = VarianceModel(system, known, missing, estimated, sized, options.loss, hold=options.loss == "cauchy")
-    return _Search(model, options).best(reference, nested)
+    stated = {LINKS} if options.scales == "stated" else set()
+    factors = tuple(name for name, own in system.groups.items() if own.any() and name not in stated)
+    return VarianceModel(system, known, missing, estimated, factors, options.loss, hold=options.loss == "cauchy")
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,7 +230,7 @@ class _Search:
         system, spread = self.model.system, self.model.spread(variances)
 
         def evaluate(y: Array) -> tuple[Array, Array]:
-            stacked = system.rows_at(system.at(y), spread, variances.factor)
+            stacked = system.rows_at(system.at(y), spread, variances.factors)
             return stacked[:, -1], stacked[:, :-1]
 
         tolerances = self.options.tolerances
@@ -227,7 +243,7 @@ class _Search:
 
     def _objective(self, x: Array, variances: Variances) -> float:
         """|Sigma^-1/2 r|^2 + priors + |y / s|^2 at x."""
-        residual = self.model.system.rows_at(x, self.model.spread(variances), variances.factor)[:, -1]
+        residual = self.model.system.rows_at(x, self.model.spread(variances), variances.factors)[:, -1]
         return float(residual @ residual)
 
     def _finished(self, x: Array, variances: Variances, solution: Solution, path: list[Array], trouble: str) -> Fit:
@@ -236,7 +252,7 @@ class _Search:
         found, blocks = model.at(x, variances)
         data = system.data_rows(x, model.spread(variances))
         before = system.before
-        assumed = np.where(before.sized, variances.factor, 1.0) * before.assumed
+        assumed = system.factors(variances.factors) * before.assumed
         known = np.vstack([before.stated, system.value_rows(x)[:, :-1] / system.scales])
         white = np.zeros((len(data) + len(known), len(parameters)))
         white[: len(data), system.index] = data[:, :-1] / system.scales
@@ -249,7 +265,7 @@ class _Search:
             sigmas=variances.sigmas,
             estimated=model.estimated,
             factor=variances.factor,
-            factor_estimated=model.factor_estimated,
+            factor_estimated=LINKS in model.factors,
             equations=int(rows.seen.sum()),
             dof=sum(dof for _, dof in by_group.values()),
             chi_squared=sum(squares for squares, _ in by_group.values()),
@@ -260,6 +276,7 @@ class _Search:
             weights=variances.weights,
             path=np.array(path),
             trouble=trouble,
+            factors={group: factor for group, factor in variances.factors.items() if group != LINKS},
         )
 
     def _by_group(self, x: Array, variances: Variances, found: Components) -> dict[str, tuple[float, float]]:
@@ -275,7 +292,7 @@ class _Search:
 
 
 def check_redundancy(rows: Rows, free: tuple[str, ...], estimated: bool) -> None:
-    """Refuse fewer equations than unknowns.
+    """Refuse fewer equations than unknowns; joint terms do not count, which shrink to what the data tell of them.
 
     Args:
         estimated: whether noise must be told from what is left over.
@@ -283,7 +300,7 @@ def check_redundancy(rows: Rows, free: tuple[str, ...], estimated: bool) -> None
         RefusedError: nothing is left over.
     """
     parameters = rows.measurement.parameters
-    index = parameters.indices(free)
+    index = np.array([i for i in parameters.indices(free) if not parameters.items[i].group], dtype=np.intp)
     linear = rows.at(np.zeros(len(parameters)))
     stacked = linear.weighted(np.where(rows.seen, 1.0, np.inf), index, parameters.scales[index])[:, :-1]
     stated = len(parameters.prior_rows(free)) + len(rows.values(np.zeros(len(parameters)))[0])

@@ -30,6 +30,14 @@ class Linear:
     r: Array
     slopes: tuple[tuple[slice, NDArray[np.intp], Array | Twists], ...]
 
+    def moved(self, step: Array) -> Array:
+        """r + J step: the residuals to first order after a change of all parameters, shape (N, m)."""
+        out = self.r.copy()
+        for columns, poses, slopes in self.slopes:
+            jacobian = slopes.jacobian if isinstance(slopes, Twists) else slopes
+            out[np.ix_(poses, np.arange(self.r.shape[1])[columns])] += jacobian @ step
+        return out
+
     def weighted(self, spread: Array, index: NDArray[np.intp], scales: Array) -> Array:
         """Whitened [J S, r] by some parameters, shape (k, n' + 1).
 
@@ -105,12 +113,13 @@ class Rows:
         if self.mixing is not None or not any(isinstance(kernel, StagedKernel) for kernel in self.kernels):
             r, jacobian = self(x)
             return Linear(r, ((slice(0, r.shape[1]), np.arange(len(r)), jacobian),))
-        setup, r = self.setup.vector, np.zeros((len(self.data), self.measurement.rows))
+        r = np.zeros((len(self.data), self.measurement.rows))
         slopes: list[tuple[slice, NDArray[np.intp], Array | Twists]] = []
         for part, kernel, poses in zip(self.measurement.parts, self.kernels, self.poses, strict=True):
             if not poses.size:
                 continue
             q, z, seen = self.data.q[poses], self.z[poses, part.readings], self.seen[poses, part.components]
+            setup = self._setup(poses)
             if isinstance(kernel, StagedKernel):
                 points = np.asarray(seen.reshape(len(poses), part.features, -1).any(axis=2))
                 twists = kernel.twists(q, x, setup, z, points)
@@ -127,17 +136,21 @@ class Rows:
         return self.at(x).r
 
     def _evaluated(self, x: Array) -> tuple[Array, Array]:
-        setup = self.setup.vector
         if len(self.kernels) == 1:
-            r, jacobian = self.kernels[0](self.data.q, x, setup, self.z)
+            r, jacobian = self.kernels[0](self.data.q, x, self._setup(), self.z)
             return r, jacobian
         r = np.zeros((len(self.data), self.measurement.rows))
         jacobian = np.zeros((*r.shape, len(self.measurement.parameters)))
         for part, kernel, poses in zip(self.measurement.parts, self.kernels, self.poses, strict=True):
             if poses.size:
-                found = kernel(self.data.q[poses], x, setup, self.z[poses, part.readings])
+                found = kernel(self.data.q[poses], x, self._setup(poses), self.z[poses, part.readings])
                 r[poses, part.components], jacobian[poses, part.components] = found
         return r, jacobian
+
+    def _setup(self, poses: NDArray[np.intp] | None = None) -> Array:
+        """The setup's numbers under the conditions of the poses, see `Setup.under`."""
+        given = self.data.conditions
+        return self.setup.under(given if poses is None else {name: values[poses] for name, values in given.items()})
 
     def decorrelated(self) -> Rows:
         """The rows in the principal axes of the data's covariance, of unit variance; as they are without one.

@@ -16,7 +16,7 @@ from symcal.errors import RefusedError
 from symcal.fit.noise import Loss, block_sigmas, robust_weights, spread_of
 from symcal.fit.residual_rows import Linear
 from symcal.fit.variance_components import Block, Components, Tie, at_variances, compressed, most_likely
-from symcal.fit.whitened import Whitened
+from symcal.fit.whitened import LINKS, Whitened
 from symcal.model.measurement import Group
 
 Array = NDArray[np.float64]
@@ -30,6 +30,9 @@ _SMALL = 1e-3  # noise that counts as small beside residuals
 _TIE_WIDTH = 2 * float(np.log(3.0))
 """Noise of positions and orientations of one instrument: alike at its lever within a factor of three (half width of a
 Cauchy law), which decides only where hardly anything is left over to tell one of them by. Ours."""
+NOTHING = 1e-3
+"""Factor on the sizes of a group of joint terms at which the group is as good as left out."""
+_LARGEST_TERM = 100.0
 _FACTOR_WIDTH = 2 * np.log(1.15)
 """Stated sizes hold unless the data clearly contradict them: a Cauchy law of half width 15 % for the logarithm of their
 common factor (here of the log variance). Its long tails let go of sizes that are wrong by a factor of two or more, its
@@ -38,17 +41,23 @@ middle keeps the factor from following the chance of a few parameters. Ours."""
 
 @dataclass(frozen=True, slots=True)
 class Variances:
-    """sigmas: noise by group, mm, rad or px. factor: on all plausible sizes. weights: robust ones, shape (N, m)."""
+    """sigmas: noise by group, mm, rad or px. factors: on the plausible sizes, by group (`LINKS` and those of joint
+    terms). weights: robust ones, shape (N, m)."""
 
     sigmas: dict[str, float]
-    factor: float
+    factors: dict[str, float]
     weights: Array
+
+    @property
+    def factor(self) -> float:
+        """On the sizes of the links."""
+        return self.factors[LINKS]
 
     def towards(self, other: Variances, share: float) -> Variances:
         """A share of the way to other ones, in logarithms."""
         return Variances(
             {name: old ** (1 - share) * other.sigmas[name] ** share for name, old in self.sigmas.items()},
-            self.factor ** (1 - share) * other.factor**share,
+            {name: old ** (1 - share) * other.factors[name] ** share for name, old in self.factors.items()},
             self.weights + share * (other.weights - self.weights),
         )
 
@@ -58,14 +67,14 @@ class VarianceModel:
     """Which variances are unknown, and how to find them.
 
     known: standard deviation of each component, shape (N, m), NaN where unknown. missing: measured ones without it.
-    estimated: groups with unknown noise. factor_estimated: whether the factor on the sizes is unknown.
+    estimated: groups with unknown noise. factors: groups whose factor on the sizes is unknown.
     """
 
     system: Whitened
     known: Array
     missing: NDArray[np.bool_]
     estimated: tuple[str, ...]
-    factor_estimated: bool
+    factors: tuple[str, ...]
     loss: Loss
     hold: bool = False
     """Robust weights alone are found: the noise stays."""
@@ -73,13 +82,12 @@ class VarianceModel:
     @property
     def settled(self) -> bool:
         """Nothing is unknown."""
-        return not self.estimated and not self.factor_estimated and self.loss == "linear"
+        return not self.estimated and not self.factors and self.loss == "linear"
 
     def difference(self, new: Variances, old: Variances) -> Array:
         """Change of the log variances that are estimated."""
         pairs = [(new.sigmas[name], old.sigmas[name]) for name in self.estimated]
-        if self.factor_estimated:
-            pairs.append((new.factor, old.factor))
+        pairs += [(new.factors[name], old.factors[name]) for name in self.factors]
         return 2 * np.array([np.log(a / b) for a, b in pairs])
 
     def spread(self, variances: Variances) -> Array:
@@ -88,12 +96,14 @@ class VarianceModel:
 
     def first(self, x: Array, stated: dict[str, float], tolerance: float) -> Variances:
         """Variances for the model linearised at x when nothing is known of them, without robust weights."""
-        variances = Variances(stated | dict.fromkeys(self.estimated, np.nan), 1.0, self.system.rows.seen.astype(float))
+        one = dict.fromkeys(self.system.groups, 1.0)
+        sigmas = stated | dict.fromkeys(self.estimated, np.nan)
+        variances = Variances(sigmas, one, self.system.rows.seen.astype(float))
         names, blocks, fixed = self._blocks(x, variances, self.estimated)
-        starts = [self._start(names, blocks, fixed, f) for f in (_FACTORS if self.factor_estimated else (1.0,))]
-        ties = self._ties(names)
+        starts = [self._start(names, blocks, fixed, f) for f in (_FACTORS if LINKS in self.factors else (1.0,))]
+        ties = self.ties(names)
         start = min(starts, key=lambda phi: at_variances(blocks, fixed, phi, ties).value) if starts[1:] else starts[0]
-        return self._named(names, most_likely(blocks, fixed, start, ties, tolerance=tolerance), variances)
+        return self.named(names, most_likely(blocks, fixed, start, ties, tolerance=tolerance), variances)
 
     def next(self, x: Array, last: Variances, tolerance: float) -> Variances:
         """Variances (and robust weights) for the model linearised at x, from the last ones."""
@@ -101,8 +111,8 @@ class VarianceModel:
         if robust:
             last = self._robust(x, last)
         names, blocks, fixed = self._blocks(x, last, () if robust else self.estimated)
-        found = most_likely(blocks, fixed, self._phi(names, last), self._ties(names), tolerance=tolerance)
-        return self._named(names, found, last)
+        found = most_likely(blocks, fixed, self.phi(names, last), self.ties(names), tolerance=tolerance)
+        return self.named(names, found, last)
 
     def at(self, x: Array, variances: Variances) -> tuple[Components, tuple[Block, ...]]:
         """The model linearised at x, its variances as they are.
@@ -110,8 +120,8 @@ class VarianceModel:
         Raises:
             RefusedError: the model passes through the measurements, and no residual tells their noise.
         """
-        names, blocks, fixed = self._blocks(x, variances, self.estimated)
-        found = at_variances(blocks, fixed, self._phi(names, variances), self._ties(names))
+        names, blocks, fixed = self.linearised(x, variances)
+        found = at_variances(blocks, fixed, self.phi(names, variances), self.ties(names))
         for name, taken in self._taken(names, blocks, found).items():
             columns = list(self._group(name).columns)
             if float(variances.weights[:, columns][self.missing[:, columns]].sum()) - taken < _LEFT_OVER:
@@ -122,20 +132,24 @@ class VarianceModel:
                 )
         return found, tuple(blocks)
 
+    def linearised(self, x: Array, variances: Variances) -> tuple[list[str], list[Block], Array]:
+        """Names and blocks of unknown variance for the model linearised at x, and the rows of known variance."""
+        return self._blocks(x, variances, self.estimated)
+
     def _taken(self, names: list[str], blocks: list[Block], found: Components) -> dict[str, float]:
         """By noise group, the trace of its own projection: how many of its equations the parameters have taken."""
         return {
             name: float(np.sum((block.rows[:, :-1] @ found.root) ** 2)) * float(np.exp(-phi))
             for name, block, phi in zip(names, blocks, found.phi, strict=True)
-            if name != _FACTOR
+            if name in self.estimated
         }
 
-    def _ties(self, names: list[str]) -> tuple[Tie, ...]:
+    def ties(self, names: list[str]) -> tuple[Tie, ...]:
         """Noise of the groups of one instrument goes together: one of them alone cannot fall to nothing."""
         first: dict[str, int] = {}
         ties = []
         for i, name in enumerate(names):
-            if name == _FACTOR:
+            if name not in self.estimated:
                 continue
             group = self._group(name)
             lead = first.setdefault(group.observation, i)
@@ -154,7 +168,7 @@ class VarianceModel:
         sigmas = variances.sigmas
         if not self.hold:
             found, blocks = self.at(x, variances)
-            names = [*self.estimated, *([_FACTOR] if self.factor_estimated else [])]
+            names = [*self.estimated, *map(size_name, self.factors)]
             taken = self._taken(names, list(blocks), found)
             sigmas = sigmas | block_sigmas(rows, residual, self.missing, taken)
         return replace(variances, sigmas=sigmas, weights=robust_weights(rows, residual, self.known, sigmas, self.loss))
@@ -167,14 +181,17 @@ class VarianceModel:
         spread = spread_of(system.rows, self.known, sigmas, variances.weights)
         blocks = [self._noise_block(name, linear, variances.weights) for name in groups]
         fixed = np.vstack([system.picked(linear, spread), system.prior_rows(x)])
-        sizes = system.size_rows(x)
-        if self.factor_estimated:
-            many = int(system.rows.seen.sum()) >= _MANY * len(system.free)
-            largest = 2 * np.log(_LARGEST_FACTOR if many else _DOUBTFUL_FACTOR)
-            blocks.append(Block(sizes, len(sizes), 2 * np.log(_SMALLEST_FACTOR), largest, _FACTOR_WIDTH))
-        else:
-            fixed = np.vstack([fixed, sizes])
-        return [*groups, *([_FACTOR] if self.factor_estimated else [])], blocks, compressed(fixed)
+        for group in system.groups:
+            sizes = system.size_rows(x, group)
+            if group not in self.factors:
+                fixed = np.vstack([fixed, sizes / variances.factors[group]])
+            elif group == LINKS:
+                many = int(system.rows.seen.sum()) >= _MANY * len(system.free)
+                largest = 2 * np.log(_LARGEST_FACTOR if many else _DOUBTFUL_FACTOR)
+                blocks.append(Block(sizes, len(sizes), 2 * np.log(_SMALLEST_FACTOR), largest, _FACTOR_WIDTH))
+            else:
+                blocks.append(Block(sizes, len(sizes), 2 * np.log(NOTHING), 2 * np.log(_LARGEST_TERM)))
+        return [*groups, *map(size_name, self.factors)], blocks, compressed(fixed)
 
     def _noise_block(self, name: str, linear: Linear, weights: Array) -> Block:
         group = self._group(name)
@@ -188,29 +205,32 @@ class VarianceModel:
     def _start(self, names: list[str], blocks: list[Block], fixed: Array, factor: float) -> Array:
         """Log variances for this factor with the noise that is left where noise counts as small."""
         rows = []
+        given = {size_name(group): factor if group == LINKS else 1.0 for group in self.factors}
         for name, block in zip(names, blocks, strict=True):
             size = np.linalg.norm(block.rows[:, -1]) / np.sqrt(block.count)
-            rows.append(block.rows / (factor if name == _FACTOR else max(_SMALL * float(size), 1e-150)))
+            rows.append(block.rows / given.get(name, max(_SMALL * float(size), 1e-150)))
         stacked = np.vstack([*rows, fixed])
         y = np.linalg.lstsq(stacked[:, :-1], -stacked[:, -1], rcond=None)[0]
         left = [float(np.sum((block.rows @ np.append(y, 1.0)) ** 2)) for block in blocks]
         return np.array(
             [
-                2 * np.log(factor) if name == _FACTOR else np.log(max(square, 1e-300) / block.count)
+                2 * np.log(given[name]) if name in given else np.log(max(square, 1e-300) / block.count)
                 for name, block, square in zip(names, blocks, left, strict=True)
             ]
         )
 
-    @staticmethod
-    def _phi(names: list[str], variances: Variances) -> Array:
-        values = [variances.factor if name == _FACTOR else variances.sigmas[name] for name in names]
-        return np.asarray(2 * np.log(np.array(values)))
+    def phi(self, names: list[str], variances: Variances) -> Array:
+        """Log variances by name."""
+        values = variances.sigmas | {size_name(group): variances.factors[group] for group in self.factors}
+        return np.asarray(2 * np.log(np.array([values[name] for name in names])))
 
-    @staticmethod
-    def _named(names: list[str], found: Components, last: Variances) -> Variances:
-        sizes = dict(zip(names, np.exp(0.5 * found.phi).tolist(), strict=True))
-        factor = sizes.pop(_FACTOR, last.factor)
-        return Variances(last.sigmas | sizes, factor, last.weights)
+    def named(self, names: list[str], found: Components, last: Variances) -> Variances:
+        """Variances from the log variances of a model."""
+        values = dict(zip(names, np.exp(0.5 * found.phi).tolist(), strict=True))
+        factors = {group: values.pop(size_name(group)) for group in self.factors}
+        return Variances(last.sigmas | values, last.factors | factors, last.weights)
 
 
-_FACTOR = "factor"
+def size_name(group: str) -> str:
+    """What the variance of a group's sizes is called beside those of the noise."""
+    return f"sizes of {group or 'links'}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,9 @@ Array = NDArray[np.float64]
 FREEDOM = 1e3
 """Frames, points and camera have a prior of so many of their scales (1 m and 10 rad by default): they are nearly free,
 and what they share unseen with a link parameter is theirs."""
+
+LINKS = ""
+"""The group of the link parameters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +60,8 @@ class Whitened:
     """What does not change during a fit.
 
     index: the n free parameters in the vector. scales: diagonal of S, shape (n,). before: what is known of them
-    beforehand, without the common factor. prior_mean: where stated priors are centred.
+    beforehand, without the common factor. prior_mean: where stated priors are centred. groups: which parameters share a
+    factor on their sizes, by name, as a mask of the free ones; links are called `LINKS`.
     """
 
     rows: Rows
@@ -68,6 +73,7 @@ class Whitened:
     prior_mean: Array
     growth: Array
     across: Array
+    groups: Mapping[str, NDArray[np.bool_]]
 
     def at(self, y: Array) -> Array:
         """x_ref + S y, shape of the whole vector."""
@@ -83,17 +89,28 @@ class Whitened:
         """Whitened [J S, r] of the measurements, shape (k, n + 1)."""
         return self.picked(self.rows.at(x), spread)
 
-    def rows_at(self, x: Array, spread: Array, factor: float) -> Array:
-        """Whitened [J S, r] of everything, shape (k, n + 1)."""
-        parts = [self.data_rows(x, spread), self.prior_rows(x), self.size_rows(x) / factor]
-        return np.vstack(parts)
+    def rows_at(self, x: Array, spread: Array, factors: Mapping[str, float]) -> Array:
+        """Whitened [J S, r] of everything, shape (k, n + 1).
+
+        Args:
+            factors: on the sizes, by group.
+        """
+        sizes = [self.size_rows(x, group) / factors[group] for group in self.groups]
+        return np.vstack([self.data_rows(x, spread), self.prior_rows(x), *sizes])
+
+    def factors(self, factors: Mapping[str, float]) -> Array:
+        """Those of every free parameter, shape (n,); 1 of those without a size."""
+        out = np.ones(len(self.free))
+        for group, own in self.groups.items():
+            out[own] = factors[group]
+        return out
 
     def prior_rows(self, x: Array) -> Array:
         """Rows of stated priors and known values, of the wide ones of frames, and of the growth, shape (k, n + 1)."""
         prior = self.before.stated
         stated = np.column_stack([prior * self.scales, prior @ (x - self.prior_mean)[self.index]])
         wide = np.flatnonzero(self.before.nearly_free)
-        held = self.growth @ self._sizes(x)
+        held = self.growth @ self._unit_rows(np.flatnonzero(self.groups[LINKS]), x)
         return np.vstack([stated, self.value_rows(x), self._unit_rows(wide, x) / FREEDOM, held])
 
     def value_rows(self, x: Array) -> Array:
@@ -101,13 +118,11 @@ class Whitened:
         r, jacobian = self.rows.values(x)
         return np.column_stack([jacobian[:, self.index] * self.scales, r])
 
-    def size_rows(self, x: Array) -> Array:
-        """Rows of the plausible sizes as they are stated, shape (k, n + 1); without that of the growth of all lengths
-        where nothing that is read sees it: no common factor may release it."""
-        return self.across @ self._sizes(x) if len(self.growth) else self._sizes(x)
-
-    def _sizes(self, x: Array) -> Array:
-        return self._unit_rows(np.flatnonzero(self.before.sized), x)
+    def size_rows(self, x: Array, group: str) -> Array:
+        """Rows of the plausible sizes of a group as they are stated, shape (k, n + 1); without that of the growth of
+        all lengths where nothing that is read sees it: no common factor may release it."""
+        sizes = self._unit_rows(np.flatnonzero(self.groups[group]), x)
+        return self.across @ sizes if group == LINKS and len(self.growth) else sizes
 
     def _unit_rows(self, which: NDArray[np.intp], x: Array) -> Array:
         rows = np.zeros((len(which), len(self.free) + 1))
@@ -125,7 +140,10 @@ def whitened(rows: Rows, free: tuple[str, ...], reference: Array, prior_mean: Ar
     parameters = rows.measurement.parameters
     index = parameters.indices(free)
     before = beforehand(parameters, free)
-    growth, across = _growth(rows.measurement, index, before)
+    names = np.array([parameters.items[i].group for i in index], dtype=object)
+    found = dict.fromkeys([LINKS, *names[before.sized].tolist()])
+    groups = {name: np.asarray(before.sized & (names == name)) for name in found}
+    growth, across = _growth(rows.measurement, index[groups[LINKS]])
     return Whitened(
         rows=rows,
         free=free,
@@ -136,12 +154,13 @@ def whitened(rows: Rows, free: tuple[str, ...], reference: Array, prior_mean: Ar
         prior_mean=prior_mean,
         growth=growth,
         across=across,
+        groups=groups,
     )
 
 
-def _growth(measurement: Measurement, index: NDArray[np.intp], before: Beforehand) -> tuple[Array, Array]:
-    """Direction of uniform growth among the sized parameters where no reading sees lengths, and those across it."""
-    grown = (measurement.growth * measurement.parameters.scales)[index][before.sized]
+def _growth(measurement: Measurement, links: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Direction of uniform growth among the links' sized parameters where no reading sees lengths, and those across."""
+    grown = (measurement.growth * measurement.parameters.scales)[links]
     if measurement.sees_length or not grown.any():
         return np.zeros((0, grown.size)), np.eye(grown.size)
     _, _, rows = np.linalg.svd(grown[None])

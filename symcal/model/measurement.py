@@ -26,7 +26,7 @@ class Setup:
 
     base: T_world_base, tool: T_flange_tool, shape (4, 4), mm. points: of all targets in their frames, shape (k, 3), mm.
     places: frames of instruments and targets by name, each where it stands, shape (4, 4), mm. own: numbers of the
-    instruments by name, one instrument after the other.
+    instruments by name, one instrument after the other. conditions: what joint terms ask of a pose; zero is nominal.
     """
 
     base: Array
@@ -34,12 +34,25 @@ class Setup:
     points: Array = field(default_factory=lambda: np.zeros((0, 3)))
     places: Mapping[str, Array] = field(default_factory=dict)
     own: Mapping[str, float] = field(default_factory=dict)
+    conditions: tuple[str, ...] = ()
 
     @property
     def vector(self) -> Array:
+        """The numbers at nominal conditions, shape (k,)."""
         parts = [frame_vector(self.base, self.tool), self.points.ravel()]
         parts += [place[:3].ravel(order="F") for place in self.places.values()]
-        return np.concatenate([*parts, list(self.own.values())])
+        return np.concatenate([*parts, list(self.own.values()), np.zeros(len(self.conditions))])
+
+    def under(self, given: Mapping[str, Array]) -> Array:
+        """The numbers under the conditions of N poses, shape (N, k), by name, shape (N,); (k,) if none matters."""
+        wanted = [name for name in self.conditions if name in given]
+        if not wanted:
+            return self.vector
+        count, first = len(given[wanted[0]]), len(self.vector) - len(self.conditions)
+        out = np.tile(self.vector, (count, 1))
+        for name in wanted:
+            out[:, first + self.conditions.index(name)] = given[name]
+        return out
 
     def moved(self, errors: Mapping[str, float], points: Iterable[str] = ()) -> Setup:
         """The setup with the increments of base, tool, places and points in ``errors`` (mm, rad) carried out.

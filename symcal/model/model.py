@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,7 @@ class Model:
 
     @property
     def kinematic(self) -> tuple[str, ...]:
-        """Link parameters that may be identified."""
+        """Parameters of links and joint terms that may be identified."""
         return tuple(name for name in self.robot.parameters if name not in self.task.fix)
 
     @property
@@ -108,7 +108,8 @@ def build_model(robot: Robot, task: Task) -> Model:
             raise InputError("no such parameter to fix", key="identification.fix", found=name, allowed=parameters.names)
     parameters = parameters.with_scales(task.scales).with_priors(task.priors)
     symbolic = chain(robot, parameters)
-    measurement = observe(symbolic, *task.observations, values=task.values)
+    measurement = observe(chain(robot, parameters, conditions=True), *task.observations, values=task.values)
+    measurement = replace(measurement, chain=symbolic)
     return Model(
         task=task,
         robot=robot,
@@ -139,4 +140,5 @@ def nominal_setup(robot: Robot, task: Task) -> Setup:
         np.array(list(points.values())).reshape(-1, 3),
         {name: place.nominal for name, place in places_of(task.everything).items()},
         numbers_of(task.everything),
+        robot.conditions,
     )

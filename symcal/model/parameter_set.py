@@ -1,4 +1,4 @@
-"""Which parameters a model has: links, then base, tool, points of targets, places, and numbers of instruments."""
+"""Which parameters a model has: links, joint terms, then base, tool, points, places, and numbers of instruments."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Literal
 
 from symcal.parameters import FRAME_AXES, SCALE, JointPrior, Parameter, ParameterSet, Unit, coordinate_names
-from symcal.robot.robot import Robot, is_angle
+from symcal.robot.robot import Robot
 
 
 def parameter_set(
@@ -22,28 +22,22 @@ def parameter_set(
     """All parameters that a model of this robot has.
 
     Args:
-        robot: gives the link parameters, their nominal values and the scales that its file states.
+        robot: gives its own parameters, their nominal values and the scales that its file states.
         base: six increments `base_x`..`base_rz` on the nominal base frame (rotation vector, applied on the right).
         tool: the same for the tool frame, or its position alone.
         points: what points are called whose coordinates are parameters (`tool_P1`: `tool_P1_x`, ...).
         places: which increments of frames of instruments and targets are, by name: (`x`, .., `rz`).
         own: numbers of instruments. priors: what is known of them together.
     """
-    entries: list[tuple[str, Unit, float]] = [
-        (name, "rad" if is_angle(name.rpartition("_")[0]) else "mm", value) for name, value in robot.parameters.items()
-    ]
+    entries: list[tuple[str, Unit, float]] = []
     frames = {"base": FRAME_AXES if base else (), "tool": FRAME_AXES[: {"frame": 6, "position": 3}.get(tool or "", 0)]}
     for name, axes in frames.items():
         entries += _frame(name, axes)
     entries += [(name, "mm", 0.0) for point in points for name in coordinate_names(point)]
     for name, axes in (places or {}).items():
         entries += _frame(name, axes)
-    links = robot.parameters
-    items = [
-        Parameter(name, unit, value, robot.scales.get(name, SCALE[unit]), unknown=name not in links)
-        for name, unit, value in entries
-    ]
-    return ParameterSet((*items, *own), tuple(priors))
+    items = [Parameter(name, unit, value, SCALE[unit], unknown=True) for name, unit, value in entries]
+    return ParameterSet((*robot.described, *items, *own), tuple(priors))
 
 
 def _frame(name: str, axes: tuple[str, ...]) -> list[tuple[str, Unit, float]]:

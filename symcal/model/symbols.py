@@ -53,7 +53,7 @@ class Symbols:
         points = {name: SX.sym("point", 3) for name in points_called(observations)}
         frames = {name: SX.sym("place", 12) for name in places_of(observations)}
         own = {name: SX.sym("own") for name in numbers_of(observations)}
-        setup = ca.vertcat(chain.frames, *points.values(), *frames.values(), *own.values())
+        setup = ca.vertcat(chain.frames, *points.values(), *frames.values(), *own.values(), chain.conditions)
         # only where something depends on it: postures that touch, or readings without lengths
         asked = any(o.instrument.constrains or not o.instrument.sees_length for o in observations)
         slope = growth_slope(chain) if asked else np.zeros(len(parameters))

@@ -21,13 +21,16 @@ from numpy.typing import NDArray
 from symcal import spatial
 from symcal.documents.document import write_document
 from symcal.errors import InputError
-from symcal.parameters import link_name
+from symcal.joints import Term, TermParameter
+from symcal.joints.arm import Mass, Payload
+from symcal.parameters import SCALE, Parameter, Unit, link_name
 from symcal.robot.schema import LINK_PARAMETERS, SCHEMA, CalibrationEntry, LinkEntry, read_robot_file
 from symcal.robot.schema import Convention as Convention
 from symcal.robot.schema import Frame as Frame
 from symcal.robot.schema import JointKind as JointKind
 from symcal.robot.schema import is_angle as is_angle
-from symcal.units import ANGLE, LENGTH, AngleUnit, LengthUnit
+from symcal.robot.terms import DOWN, Physics, physics_entries
+from symcal.units import ANGLE, LENGTH, AngleUnit, LengthUnit, unit_factor
 
 Array = NDArray[np.float64]
 
@@ -105,6 +108,8 @@ class Robot:
 
     base: T_world_base, tool: T_flange_tool; nominal, shape (4, 4), mm.
     scales: plausible size of an error by parameter name (mm, rad) where it is not the default.
+    terms: what joints add to their readings. down: direction of gravity in base. masses, payload: what gravity pulls
+        at, as far as it is known.
     """
 
     name: str
@@ -114,6 +119,10 @@ class Robot:
     tool: Array = field(default_factory=_identity)
     scales: Mapping[str, float] = field(default_factory=dict)
     record: Record | None = None
+    terms: tuple[Term, ...] = ()
+    down: tuple[float, float, float] = DOWN
+    masses: tuple[Mass, ...] = ()
+    payload: Payload = field(default_factory=Payload)
 
     @property
     def dof(self) -> int:
@@ -142,8 +151,33 @@ class Robot:
         return np.where(limited, self.lower, -half), np.where(limited, self.upper, half)
 
     @property
+    def conditions(self) -> tuple[str, ...]:
+        """What of a pose the terms depend on beside joint readings; zero is nominal."""
+        return tuple(dict.fromkeys(name for term in self.terms for name in term.conditions))
+
+    @property
     def parameters(self) -> dict[str, float]:
-        """Link parameters by name (`theta_1`, ...), by kind and then by link: the order of the parameter vector."""
+        """Parameters of links and joint terms by name, in the order of the parameter vector."""
+        return self.link_parameters | {name: p.value for name, p in self.term_parameters.items()}
+
+    @property
+    def term_parameters(self) -> dict[str, TermParameter]:
+        """Numbers of joint terms by name (`q2_sin_1`, ...)."""
+        return {p.name: p for term in self.terms for p in term.parameters}
+
+    @property
+    def described(self) -> tuple[Parameter, ...]:
+        """`parameters` with unit and plausible size."""
+        links = [(name, _unit(name), value) for name, value in self.link_parameters.items()]
+        items = [Parameter(name, unit, value, self.scales.get(name, SCALE[unit])) for name, unit, value in links]
+        return *items, *(
+            Parameter(p.name, p.unit, p.value, self.scales.get(p.name, p.scale), group=p.group)
+            for p in self.term_parameters.values()
+        )
+
+    @property
+    def link_parameters(self) -> dict[str, float]:
+        """Link parameters by name (`theta_1`, ...), by kind and then by link."""
         return {
             link_name(kind, i): link.parameters[kind]
             for kind in LINK_PARAMETERS
@@ -154,7 +188,9 @@ class Robot:
     @property
     def reach(self) -> float:
         """An upper bound of the arm's extent in mm: link lengths, finite prismatic travel and the tool."""
-        lengths = sum(abs(v) for name, v in self.parameters.items() if name[0] in "ad" and not name.startswith("alpha"))
+        lengths = sum(
+            abs(v) for name, v in self.link_parameters.items() if name[0] in "ad" and not name.startswith("alpha")
+        )
         travel = sum(
             max((abs(j.sign * j.ratio * q + j.offset) for q in (j.lower, j.upper) if math.isfinite(q)), default=0.0)
             for j in self.joints
@@ -169,7 +205,7 @@ class Robot:
         return float(sum(lengths) + sum(strokes))
 
     def corrected(self, errors: Mapping[str, float]) -> Robot:
-        """The robot with errors (mm, rad) added to its link parameters; names that it lacks are a KeyError."""
+        """The robot with errors (mm, rad) added to its parameters; names that it lacks are a KeyError."""
         known = self.parameters
         for name in errors:
             if name not in known:
@@ -178,7 +214,7 @@ class Robot:
             replace(link, parameters={k: v + errors.get(link_name(k, i), 0.0) for k, v in link.parameters.items()})
             for i, link in enumerate(self.links, start=1)
         )
-        return replace(self, links=links)
+        return replace(self, links=links, terms=tuple(term.corrected(errors) for term in self.terms))
 
     def nominal(self) -> Robot:
         """The robot before its calibration; itself if it was never calibrated."""
@@ -190,15 +226,19 @@ class Robot:
         )
 
 
+def _unit(link_parameter: str) -> Unit:
+    return "rad" if is_angle(link_parameter.rpartition("_")[0]) else "mm"
+
+
 def load_robot(path: Path | str) -> Robot:
     """Read a robot file (nominal or calibrated).
 
     Raises:
         InputError: with file, line and key, for anything that is not as the schema says or cannot be.
     """
-    file = read_robot_file(path)
+    file, physics = read_robot_file(path)
     length, angle = LENGTH[file.units.length], ANGLE[file.units.angle]
-    return Robot(
+    robot = Robot(
         name=file.name,
         convention=file.convention,
         links=tuple(
@@ -206,9 +246,14 @@ def load_robot(path: Path | str) -> Robot:
         ),
         base=file.base.matrix(length, angle),
         tool=file.tool.matrix(length, angle),
-        scales={name: v * (angle if is_angle(name.rpartition("_")[0]) else length) for name, v in file.scales.items()},
         record=_record(file.calibration, length, angle),
+        terms=physics.terms,
+        down=physics.down,
+        masses=physics.masses,
+        payload=physics.payload,
     )
+    units = {p.name: unit_factor(p.unit, length, angle) for p in robot.described}
+    return replace(robot, scales={name: size * units[name] for name, size in file.scales.items()})
 
 
 def _link(entry: LinkEntry, name: str, length: float, angle: float) -> Link:
@@ -259,10 +304,10 @@ def save_robot(robot: Robot, path: Path | str, units: tuple[LengthUnit, AngleUni
         "tool": frame_entry(robot.tool, length),
     }
     if robot.scales:
-        data["scales"] = {
-            name: value / (angle if is_angle(name.rpartition("_")[0]) else length)
-            for name, value in robot.scales.items()
-        }
+        factors = {p.name: unit_factor(p.unit, length, angle) for p in robot.described}
+        data["scales"] = {name: value / factors[name] for name, value in robot.scales.items()}
+    physics = Physics(robot.terms, robot.down, robot.masses, robot.payload)
+    data |= physics_entries(physics, [joint.name for joint in robot.joints], length, angle)
     if robot.record is not None:
         data["calibration"] = {
             "errors": {k: float(v) for k, v in robot.record.errors.items()},

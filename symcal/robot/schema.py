@@ -19,7 +19,8 @@ from scipy.spatial.transform import Rotation
 from symcal import spatial
 from symcal.documents.document import Document, Key, Strict, read_document, validate
 from symcal.parameters import link_name
-from symcal.units import ANGLE, AngleUnit, LengthUnit
+from symcal.robot.terms import Physics, PhysicsEntries
+from symcal.units import ANGLE, LENGTH, AngleUnit, LengthUnit
 
 Array = NDArray[np.float64]
 Convention = Literal["standard", "craig"]
@@ -119,7 +120,7 @@ class CalibrationEntry(Strict):
     provenance: dict[str, Any] = Field(default_factory=dict)
 
 
-class RobotFile(Strict):
+class RobotFile(PhysicsEntries):
     schema_: Literal["symcal/robot/1"] = Field(default=SCHEMA, alias="schema")
     name: Annotated[str, Field(min_length=1)]
     convention: Convention
@@ -135,15 +136,15 @@ class RobotFile(Strict):
         return [link.name or f"joint_{i}" for i, link in enumerate(self.links, start=1)]
 
     @property
-    def parameter_names(self) -> list[str]:
+    def link_parameters(self) -> list[str]:
         entries = list(enumerate(self.links, start=1))
         return [
             link_name(kind, i) for kind in LINK_PARAMETERS for i, link in entries if getattr(link, kind) is not None
         ]
 
 
-def read_robot_file(path: Path | str) -> RobotFile:
-    """A robot file as it stands, checked.
+def read_robot_file(path: Path | str) -> tuple[RobotFile, Physics]:
+    """A robot file as it stands, and what it says beyond geometry in mm and rad, checked.
 
     Raises:
         InputError: with file, line and key, for anything that is not as the schema says or cannot be.
@@ -151,14 +152,17 @@ def read_robot_file(path: Path | str) -> RobotFile:
     document = read_document(path)
     file = validate(document, RobotFile)
     _check_names(document, file.joint_names)
+    joints = [(name, link.joint == "revolute") for name, link in zip(file.joint_names, file.links, strict=True)]
+    physics = file.read(document, joints, LENGTH[file.units.length], ANGLE[file.units.angle])
+    names = [*file.link_parameters, *(p.name for term in physics.terms for p in term.parameters)]
     if file.calibration is None:  # an identified angle is what it is
         _check_angles(document, file)
     else:
-        _check_calibration(document, file.calibration, file.parameter_names)
+        _check_calibration(document, file.calibration, names)
     for name in file.scales:
-        if name not in file.parameter_names:
-            raise document.error("no such link parameter", ("scales", name), found=name, allowed=file.parameter_names)
-    return file
+        if name not in names:
+            raise document.error("no such parameter", ("scales", name), found=name, allowed=names)
+    return file, physics
 
 
 def _check_names(document: Document, names: list[str]) -> None:
@@ -193,9 +197,10 @@ def _check_angles(document: Document, file: RobotFile) -> None:
 
 def _check_calibration(document: Document, calibration: CalibrationEntry, parameters: list[str]) -> None:
     for name in calibration.errors:
-        if name.rpartition("_")[0] in LINK_PARAMETERS and name not in parameters:
+        of_robot = name.rpartition("_")[0] in LINK_PARAMETERS or re.match(r"q[0-9]+_", name)
+        if of_robot and name not in parameters:
             key: Key = ("calibration", "errors", name)
-            raise document.error("no such link parameter", key, found=name, allowed=parameters)
+            raise document.error("no such parameter", key, found=name, allowed=parameters)
     n = len(calibration.errors)
     if [len(row) for row in calibration.covariance] != [n] * n:
         raise document.error(f"the covariance must be {n} x {n}, one row per error", ("calibration", "covariance"))

@@ -1,0 +1,111 @@
+r"""Which groups of joint terms the data ask for: marginal likelihood with and without, and held-out poses.
+
+At the estimate x of the model with all groups, linearised, the gain of a group is
+
+    2 (max log L - max log L with the factor of the group held at nothing)
+
+where noise and the factors of the other groups are found again (`symcal.fit.variance_components`). Groups share what
+they can: so the group of least gain is left out first, and the gains of the others are found again, until all that are
+left gain enough. Ours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symcal.fit.variance_components import Block, Components, most_likely
+from symcal.fit.variances import NOTHING, VarianceModel, Variances, size_name
+
+Array = NDArray[np.float64]
+
+ENOUGH = 5.0
+"""Twice the gain in log marginal likelihood above which a group is kept."""
+
+_TOLERANCE = 1e-4
+
+
+@dataclass(frozen=True, slots=True)
+class Elimination:
+    """gains: of every candidate, when it was left out or in the end. kept: the groups that are left."""
+
+    gains: dict[str, float]
+    kept: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Groups:
+    """A fit with groups of joint terms, linearised at its estimate; made by `groups_at`."""
+
+    model: VarianceModel
+    x: Array
+    variances: Variances
+    names: list[str]
+    blocks: list[Block]
+    fixed: Array
+
+    def without(self, groups: Sequence[str]) -> Components:
+        """The model of largest marginal likelihood where the factors of these groups are nothing."""
+        nothing = 2 * np.log(NOTHING)
+        held = {size_name(group) for group in groups}
+        blocks = [
+            replace(block, lowest=nothing, highest=nothing) if name in held else block
+            for name, block in zip(self.names, self.blocks, strict=True)
+        ]
+        start = self.model.phi(self.names, self.variances)
+        ties = self.model.ties(self.names)
+        tries = [start, np.where([name in held or name in self.model.estimated for name in self.names], start, 0.0)]
+        return min(
+            (most_likely(blocks, self.fixed, each, ties, tolerance=_TOLERANCE) for each in tries),
+            key=lambda found: found.value,
+        )
+
+    def eliminated(self, candidates: Sequence[str]) -> Elimination:
+        """The candidates without those that gain too little, one after the other."""
+        left, gone, gains = list(candidates), list[str](), dict[str, float]()
+        while left:
+            base = self.without(gone).value
+            own = {group: self.without([*gone, group]).value - base for group in left}
+            gains |= own
+            worst = min(left, key=lambda group: own[group])
+            if own[worst] > ENOUGH:
+                break
+            left.remove(worst)
+            gone.append(worst)
+        return Elimination(gains, tuple(left))
+
+    def variances_without(self, groups: Sequence[str]) -> Variances:
+        """The variances that go with `without`."""
+        return self.model.named(self.names, self.without(groups), self.variances)
+
+    def held_out(self, groups: Sequence[str], folds: Sequence[NDArray[np.intp]]) -> Array:
+        """Residuals of poses in folds that were not used for them, shape (N, m), without some groups.
+
+        The estimate of every fold is that of the linearised model at the variances of the whole.
+        """
+        variances = self.variances_without(groups)
+        system = self.model.system
+        linear, spread = system.rows.at(self.x), self.model.spread(variances)
+        known = [
+            system.prior_rows(self.x),
+            *(system.size_rows(self.x, g) / variances.factors[g] for g in system.groups),
+        ]
+        out = np.zeros_like(linear.r)
+        for fold in folds:
+            own = spread.copy()
+            own[fold] = np.inf
+            stacked = np.vstack([system.picked(linear, own), *known])
+            y = np.linalg.lstsq(stacked[:, :-1], -stacked[:, -1], rcond=None)[0]
+            step = np.zeros(len(self.x))
+            step[system.index] = system.scales * y
+            out[fold] = linear.moved(step)[fold]
+        return out
+
+
+def groups_at(model: VarianceModel, x: Array, variances: Variances) -> Groups:
+    """The fit of a variance model with its result."""
+    names, blocks, fixed = model.linearised(x, variances)
+    return Groups(model, x, variances, names, blocks, fixed)

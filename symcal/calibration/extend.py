@@ -1,0 +1,204 @@
+"""Identification beyond geometry: groups of joint terms, each kept only when the data say so.
+
+All candidate groups are fitted at once, each with one factor on its plausible sizes by marginal likelihood; groups are
+left out while the least of them gains too little (`symcal.fit.groups`), or held-out poses speak against it; the robot
+with those that are left is identified as any other. The way is ours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symcal.calibration.candidates import candidates
+from symcal.calibration.identify import Calibration, calibrate
+from symcal.calibration.joint_findings import JointFinding, SharedFinding, joint_findings, shared_findings
+from symcal.data.dataset import Dataset
+from symcal.errors import RefusedError
+from symcal.fit.estimation import Fit, Options, variance_model
+from symcal.fit.groups import Groups, groups_at
+from symcal.fit.residual_rows import rows_of
+from symcal.fit.variances import Variances
+from symcal.fit.whitened import LINKS
+from symcal.joints import Term
+from symcal.model.model import Model, build_model
+from symcal.placing.placement import placed_by, stated
+from symcal.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+FOLDS = 5
+_AGAINST = 2.0  # standard errors by which held-out poses must be worse for a group to be left out
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOut:
+    """Residuals of poses in folds, without and with a group.
+
+    without, with_: rms of the first noise group's readings, mm, rad or px. better: mean of the paired differences of
+    the whitened squares of poses, without less with, over its standard error.
+    """
+
+    without: float
+    with_: float
+    better: float
+
+
+@dataclass(frozen=True, slots=True)
+class GroupFinding:
+    """What became of a group.
+
+    scale: plausible size of its numbers that the data ask for, over the one of the term (a factor). gain: twice the
+    gain in log marginal likelihood. joints: what was found at each joint.
+    """
+
+    name: str
+    kept: bool
+    scale: float
+    gain: float
+    held_out: HeldOut
+    joints: tuple[JointFinding, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Extension:
+    """What an identification beyond geometry found.
+
+    wanted: groups that were asked for, or `auto`. poses: that it was found by. geometry, chosen: held-out rms of the
+    first noise group without any candidate and with those kept. quantity, unit: what that is.
+    """
+
+    wanted: tuple[str, ...]
+    poses: int
+    quantity: str
+    unit: str
+    geometry: float
+    chosen: float
+    groups: tuple[GroupFinding, ...]
+    shared: tuple[SharedFinding, ...] = ()
+
+    @property
+    def kept(self) -> tuple[str, ...]:
+        return tuple(group.name for group in self.groups if group.kept)
+
+
+@dataclass(frozen=True, slots=True)
+class Extended:
+    """A calibration with the terms that were kept, and how they were found."""
+
+    calibration: Calibration
+    extension: Extension
+
+
+def calibrate_extended(
+    model: Model, baseline: Model | None, data: Dataset, options: Options, wanted: Sequence[str]
+) -> Extended:
+    """`symcal.calibration.identify.calibrate` of a robot with the joint terms that the data ask for.
+
+    Args:
+        model: of the robot without them. wanted: `("auto",)` or names of groups (`candidates.GROUPS`).
+    Raises:
+        InputError: no such group, or one that the data carry nothing for. RefusedError: as of `calibrate`.
+    """
+    terms = candidates(model.robot, wanted, data.conditions)
+    groups = tuple(dict.fromkeys(p.group for term in terms for p in term.parameters))
+    own = {p.group for p in model.robot.term_parameters.values()}
+    full = with_terms(model, terms)
+    found = calibrate(full, baseline, data, options)
+    train = data.part("train")
+    at = _groups_of(full, train, found.after, options)
+    chosen = tuple(group for group in groups if group not in own)
+    elimination = at.eliminated(chosen)
+    kept, folds = list(elimination.kept), _folds(len(train))
+    trial = {group: _compared(at, chosen, kept, group, folds) for group in chosen}
+    while any(trial[group].better < -_AGAINST for group in kept):
+        kept.remove(min(kept, key=lambda group: trial[group].better))
+        trial = {group: _compared(at, chosen, kept, group, folds) for group in chosen}
+    model_kept = with_terms(model, [term for term in terms if _in(term, [*kept, *own])])
+    last = found if len(kept) == len(chosen) else calibrate(model_kept, baseline, data, options)
+    if not kept and not own:
+        last = calibrate(model, baseline, data, options)
+    first = full.measurement.groups[0]
+    extension = Extension(
+        wanted=tuple(wanted),
+        poses=len(train),
+        quantity=first.quantity,
+        unit=first.unit,
+        geometry=_rms(at, at.held_out(chosen, folds)),
+        chosen=_rms(at, at.held_out([group for group in chosen if group not in kept], folds)),
+        groups=tuple(
+            GroupFinding(
+                group,
+                group in kept,
+                (last if group in kept else found).after.factors[group],
+                elimination.gains[group],
+                trial[group],
+                joint_findings(last if group in kept else found, group),
+            )
+            for group in chosen
+        ),
+        shared=shared_findings(last, kept),
+    )
+    return Extended(last, extension)
+
+
+def with_terms(model: Model, terms: Sequence[Term]) -> Model:
+    """The model of the same task for a robot with more joint terms; itself without any."""
+    if not terms:
+        return model
+    robot: Robot = replace(model.robot, terms=(*model.robot.terms, *terms))
+    return build_model(robot, model.task)
+
+
+def _in(term: Term, groups: Sequence[str]) -> bool:
+    return all(number.group in groups for number in term.numbers)
+
+
+def _groups_of(model: Model, train: Dataset, after: Fit, options: Options) -> Groups:
+    """The fit, linearised at its estimate.
+
+    Raises:
+        RefusedError: it did not converge.
+    """
+    if not np.isfinite(after.x).all():
+        raise RefusedError(f"the identification with joint terms did not converge: {after.trouble}")
+    free = placed_by(model, train)
+    unplaced = tuple(name for name in model.placement if name not in free)
+    rows = rows_of(model.measurement, train, after.setup, model.residuals, unplaced)
+    system = variance_model(rows, after.free, options, prior_mean=stated(model, after.setup))
+    factors = {LINKS: after.factor, **after.factors}
+    return groups_at(system, after.x, Variances(dict(after.sigmas), factors, after.weights))
+
+
+def _folds(count: int) -> list[NDArray[np.intp]]:
+    order = np.random.default_rng(0).permutation(count)
+    return [np.sort(order[i::FOLDS]) for i in range(FOLDS)]
+
+
+def _compared(
+    at: Groups, chosen: Sequence[str], kept: Sequence[str], group: str, folds: Sequence[NDArray[np.intp]]
+) -> HeldOut:
+    """Held-out poses without and with a group, beside the other kept ones."""
+    others = [name for name in kept if name != group]
+    with_ = [name for name in chosen if name not in (*others, group)]
+    without = [name for name in chosen if name not in others]
+    spread = at.model.spread(at.variances_without(with_))
+    residuals = [at.held_out(gone, folds) for gone in (without, with_)]
+    squares = [np.sum((np.where(np.isfinite(spread), r, 0.0) / spread) ** 2, axis=1) for r in residuals]
+    difference = squares[0] - squares[1]
+    error = float(np.std(difference, ddof=1)) / np.sqrt(len(difference))
+    better = float(difference.mean()) / error if error > 0 else 0.0
+    return HeldOut(_rms(at, residuals[0]), _rms(at, residuals[1]), better)
+
+
+def _rms(at: Groups, residual: Array) -> float:
+    """Root mean square of the norm of a reading of the first noise group."""
+    rows = at.model.system.rows
+    group = rows.measurement.groups[0]
+    columns = list(group.columns)
+    seen = rows.seen[:, columns].reshape(len(residual), -1, group.block).any(axis=2)
+    norms = np.linalg.norm(residual[:, columns].reshape(len(residual), -1, group.block), axis=2)
+    return float(np.sqrt(np.mean(norms[seen] ** 2)))

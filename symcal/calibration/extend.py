@@ -51,13 +51,14 @@ class HeldOut:
 class GroupFinding:
     """What became of a group.
 
-    scale: plausible size of its numbers that the data ask for, over the one of the term (a factor). gain: twice the
-    gain in log marginal likelihood. joints: what was found at each joint.
+    scale: factor on the plausible size of its numbers that the data ask for. rejected: whether held-out poses spoke
+    against it although it gained. gain: twice the gain in log marginal likelihood. joints: what was found at each.
     """
 
     name: str
     kept: bool
     scale: float
+    rejected: bool
     gain: float
     held_out: HeldOut
     joints: tuple[JointFinding, ...]
@@ -67,12 +68,13 @@ class GroupFinding:
 class Extension:
     """What an identification beyond geometry found.
 
-    wanted: groups that were asked for, or `auto`. poses: that it was found by. geometry, chosen: held-out rms of the
-    first noise group without any candidate and with those kept. quantity, unit: what that is.
+    wanted: groups that were asked for, or `auto`. poses: that it was found by, in so many folds. geometry, chosen:
+    held-out rms of the first noise group without any candidate and with those kept. quantity, unit: what that is.
     """
 
     wanted: tuple[str, ...]
     poses: int
+    folds: int
     quantity: str
     unit: str
     geometry: float
@@ -111,12 +113,17 @@ def calibrate_extended(
     train = data.part("train")
     at = _groups_of(full, train, found.after, options)
     chosen = tuple(group for group in groups if group not in own)
-    elimination = at.eliminated(chosen)
-    kept, folds = list(elimination.kept), _folds(len(train))
-    trial = {group: _compared(at, chosen, kept, group, folds) for group in chosen}
-    while any(trial[group].better < -_AGAINST for group in kept):
-        kept.remove(min(kept, key=lambda group: trial[group].better))
+    folds, gains, kept, trial = _folds(at), dict[str, float](), list(chosen), dict[str, HeldOut]()
+    rejected: list[str] = []
+    while True:
+        left = at.eliminated([group for group in chosen if group not in rejected], rejected)
+        gains |= left.gains
+        kept = list(left.kept)
         trial = {group: _compared(at, chosen, kept, group, folds) for group in chosen}
+        against = [group for group in kept if trial[group].better < -_AGAINST]
+        if not against:
+            break
+        rejected.append(min(against, key=lambda group: trial[group].better))
     model_kept = with_terms(model, [term for term in terms if _in(term, [*kept, *own])])
     last = found if len(kept) == len(chosen) else calibrate(model_kept, baseline, data, options)
     if not kept and not own:
@@ -125,6 +132,7 @@ def calibrate_extended(
     extension = Extension(
         wanted=tuple(wanted),
         poses=len(train),
+        folds=len(folds),
         quantity=first.quantity,
         unit=first.unit,
         geometry=_rms(at, at.held_out(chosen, folds)),
@@ -134,7 +142,8 @@ def calibrate_extended(
                 group,
                 group in kept,
                 (last if group in kept else found).after.factors[group],
-                elimination.gains[group],
+                group in rejected,
+                gains[group],
                 trial[group],
                 joint_findings(last if group in kept else found, group),
             )
@@ -173,9 +182,18 @@ def _groups_of(model: Model, train: Dataset, after: Fit, options: Options) -> Gr
     return groups_at(system, after.x, Variances(dict(after.sigmas), factors, after.weights))
 
 
-def _folds(count: int) -> list[NDArray[np.intp]]:
+def _folds(at: Groups) -> list[NDArray[np.intp]]:
+    """Poses that are held out together: those that touch one unknown place, where there are several, since the place is
+    fitted to them and hides what they have in common; else random ones."""
+    rows = at.model.system.rows
+    parts = [part for part in rows.measurement.parts if part.observation.instrument.constrains]
+    places = [np.flatnonzero(rows.seen[:, part.components].any(axis=1)) for part in parts]
+    places = [poses for poses in places if poses.size]
+    if len(places) > 1 and len(parts) == len(rows.measurement.parts):
+        return places
+    count = len(rows.data)
     order = np.random.default_rng(0).permutation(count)
-    return [np.sort(order[i::FOLDS]) for i in range(FOLDS)]
+    return [np.sort(order[i::FOLDS]) for i in range(min(FOLDS, count))]
 
 
 def _compared(

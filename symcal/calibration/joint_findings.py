@@ -34,8 +34,8 @@ class JointFinding:
 
     joint: from one. names: of the numbers. values, sigmas: in their units. p: probability of as much without a cause.
     named: whether that is small enough. seen: how many directions of the numbers the data see better than their
-    plausible size. amplitude, phase: of waves a sin(k q + phase), with their standard deviations; rad or mm, rad.
-    smallest: amplitude that these data would name.
+    plausible size, or the one that the group was found to have. amplitude, phase: of waves a sin(k q + phase), with
+    their standard deviations; rad or mm, rad. smallest: amplitude that these data would name.
     """
 
     joint: int
@@ -100,7 +100,7 @@ def _finding(
     statistic = float(inverse @ np.linalg.pinv(information, hermitian=True, rcond=1e-9) @ inverse)
     rank = len(names)
     p = float(chi2.sf(statistic, rank))
-    size = np.array([described[n].scale for n in names])
+    size = np.maximum([described[n].scale for n in names], prior)  # as plausible as the data say
     strength = np.linalg.eigvalsh(information * np.outer(size, size))
     waves: dict[str, float | None] = {}
     sines = [i for i, n in enumerate(names) if "_sin_" in n or n.endswith("_sin")]

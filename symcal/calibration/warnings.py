@@ -137,7 +137,8 @@ def quality(model: Model, data: Dataset, after: Fit) -> tuple[str, ...]:
     large = [
         name
         for name in model.kinematic
-        if abs(errors[name]) > _ABSURD * model.parameters.items[model.parameters.index(name)].scale
+        if name in model.robot.link_parameters  # the sizes of joint terms come from the data
+        and abs(errors[name]) > _ABSURD * model.parameters.items[model.parameters.index(name)].scale
     ]
     if large:
         notes.append(

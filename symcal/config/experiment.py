@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, create_model, model_validator
+from pydantic import AfterValidator, Field, create_model, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
+from symcal.calibration.candidates import GROUPS
 from symcal.config.measurements import (
     FileData,
     ImagesData,
@@ -113,7 +114,8 @@ class IdentificationConfig(Strict):
 
     scales: plausible size of a link parameter's error by name; priors: standard deviation of a prior, by name, instead
     of it. scale_factor: whether the data may make all plausible sizes larger by one factor, or they hold as stated;
-    `scales: stated` says the latter in short.
+    `scales: stated` says the latter in short. extend: joint terms beyond geometry that the data may ask for: `auto`, or
+    groups of them by name, such as [gravity, harmonics 1].
     """
 
     solver: Literal["levenberg_marquardt", "gauss_newton", "ipopt"] = "levenberg_marquardt"
@@ -123,6 +125,23 @@ class IdentificationConfig(Strict):
     scales: dict[str, Positive] = {}
     scale_factor: Literal["estimated", "stated"] = "estimated"
     priors: dict[str, Positive] = {}
+    extend: Literal["none", "auto"] | list[str] = "none"
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Groups of joint terms to try; none without `extend`."""
+        if isinstance(self.extend, str):
+            return () if self.extend == "none" else (self.extend,)
+        return tuple(self.extend)
+
+    @field_validator("extend")
+    @classmethod
+    def _known_groups(cls, value: str | list[str]) -> str | list[str]:
+        for group in value if isinstance(value, list) else ():
+            if group not in GROUPS:
+                message = "no such group of joint terms: {group}; allowed: auto, or a list of {groups}"
+                raise PydanticCustomError("extend", message, {"group": group, "groups": ", ".join(GROUPS)})
+        return value
 
     @model_validator(mode="before")
     @classmethod

@@ -6,7 +6,8 @@ At the estimate x of the model with all groups, linearised, the gain of a group 
 
 where noise and the factors of the other groups are found again (`symcal.fit.variance_components`). Groups share what
 they can: so the group of least gain is left out first, and the gains of the others are found again, until all that are
-left gain enough. Ours.
+left gain enough. Ours. A variance that is truly zero gains nothing in half of all data and chi-squared of one degree of
+freedom in the other half ([SelfLiang1987]), which says how much is enough.
 """
 
 from __future__ import annotations
@@ -16,16 +17,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from symcal.fit.variance_components import Block, Components, most_likely
 from symcal.fit.variances import NOTHING, VarianceModel, Variances, size_name
 
 Array = NDArray[np.float64]
 
-ENOUGH = 5.0
-"""Twice the gain in log marginal likelihood above which a group is kept."""
+FALSE = 0.02
+"""Probability that any of the candidates is kept where none is needed."""
 
 _TOLERANCE = 1e-4
+
+
+def enough(candidates: int) -> float:
+    """Twice the gain in log marginal likelihood above which one of so many groups is kept; 6.6 of four."""
+    return float(chi2.isf(2 * FALSE / max(candidates, 1), 1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,15 +70,20 @@ class Groups:
             key=lambda found: found.value,
         )
 
-    def eliminated(self, candidates: Sequence[str]) -> Elimination:
-        """The candidates without those that gain too little, one after the other."""
-        left, gone, gains = list(candidates), list[str](), dict[str, float]()
+    def eliminated(self, candidates: Sequence[str], gone: Sequence[str] = ()) -> Elimination:
+        """The candidates without those that gain too little, one after the other.
+
+        Args:
+            gone: groups that are left out anyway.
+        """
+        left, gone, gains = list(candidates), list(gone), dict[str, float]()
+        wanted = enough(len(left) + len(gone))
         while left:
             base = self.without(gone).value
             own = {group: self.without([*gone, group]).value - base for group in left}
             gains |= own
             worst = min(left, key=lambda group: own[group])
-            if own[worst] > ENOUGH:
+            if own[worst] > wanted:
                 break
             left.remove(worst)
             gone.append(worst)
@@ -84,7 +96,8 @@ class Groups:
     def held_out(self, groups: Sequence[str], folds: Sequence[NDArray[np.intp]]) -> Array:
         """Residuals of poses in folds that were not used for them, shape (N, m), without some groups.
 
-        The estimate of every fold is that of the linearised model at the variances of the whole.
+        The estimate of every fold is that of the linearised model at the variances of the whole. Places and points that
+        only the held-out poses tell of are fitted to these.
         """
         variances = self.variances_without(groups)
         system = self.model.system
@@ -97,8 +110,16 @@ class Groups:
         for fold in folds:
             own = spread.copy()
             own[fold] = np.inf
-            stacked = np.vstack([system.picked(linear, own), *known])
+            rows = system.picked(linear, own)
+            stacked = np.vstack([rows, *known])
             y = np.linalg.lstsq(stacked[:, :-1], -stacked[:, -1], rcond=None)[0]
+            loose = np.flatnonzero(system.before.nearly_free & ~rows[:, :-1].any(axis=0))
+            if loose.size:
+                own = np.full_like(spread, np.inf)
+                own[fold] = spread[fold]
+                told = system.picked(linear, own)
+                left = told[:, :-1] @ y + told[:, -1]
+                y[loose] -= np.linalg.lstsq(told[:, loose], left, rcond=None)[0]
             step = np.zeros(len(self.x))
             step[system.index] = system.scales * y
             out[fold] = linear.moved(step)[fold]

@@ -10,6 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from symcal.report.extension import extension_text
 from symcal.report.frames import frame_table, frames_note
 from symcal.report.handover import handover_text
 from symcal.report.images import images_text
@@ -64,6 +65,7 @@ def identification_text(content: Content) -> dict[str, Any]:
         "accuracy": _accuracy(content),
         "instruments": instruments_text(content),
         "images": images_text(content),
+        "extension": extension_text(content),
         "identifiability": _identifiability(content),
         "parameters": parameter_table(content["identification"]["parameters"], content.get("settled", {})),
         "frames": frame_table(content),

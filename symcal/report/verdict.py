@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from symcal.report.extension import extension_sentence
 from symcal.report.learnt import learnt_and_assumed
 from symcal.report.measured import Judged, judged, observers
 from symcal.words import number, plural
@@ -59,6 +60,7 @@ def verdict(content: Content) -> list[str]:
             f"{error} at the {'held-out' if part == 'test' else 'training'} poses"
             + (", what contacts cannot see included." if what.touched else ".")
         )
+    sentences += extension_sentence(content)
     if content.get("promise"):
         sentences.append(_promise(content["promise"]))
     if part == "train":

@@ -14,11 +14,13 @@ from symcal.calibration.claims import claim, extrapolation, worse
 from symcal.calibration.compare import compare, cross_validate
 from symcal.calibration.compensation_check import POSES, Handover, hand_over
 from symcal.calibration.evaluate import Errors, evaluate_each, expected_position_rms, judging
+from symcal.calibration.extend import Extended, calibrate_extended
+from symcal.calibration.extension_facts import extension_facts
 from symcal.calibration.identify import Calibration, baseline_model, calibrate
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, RenderedData, SimulatedData
 from symcal.data.dataset import Dataset
-from symcal.errors import RefusedError
+from symcal.errors import InputError, RefusedError
 from symcal.export.results import correction_facts, handover_facts
 from symcal.images.entries import EntryImages
 from symcal.images.facts import camera_facts, point_facts
@@ -71,7 +73,8 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
         experiment = replace(experiment, model=found.rendered.model)
     measured, exact = found.data, found.exact
     progress("identifying")
-    calibration = calibrate(experiment.model, baseline_model(experiment.model), measured, experiment.options)
+    calibration, extended = _calibrated(experiment, measured)
+    experiment = replace(experiment, model=calibration.model)
     splits: list[str] = [split for split in ("train", "test") if split in measured.split]
     by_instrument = {
         split: {name: evaluate_each(state, measured.part(split)) for name, state in calibration.states.items()}
@@ -104,6 +107,7 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     notes += worse(instruments)
     content = _content(experiment, measured, inputs, calibration, errors, notes)
     content["instruments"] = instruments
+    content["extension"] = None if extended is None else extension_facts(extended)
     content["controller"] = correction_facts(calibration.robot)
     content["compensation"] = None if handover is None else handover_facts(handover)
     if found.images:
@@ -123,6 +127,18 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
         measured_in=found.images,
         rendered=found.rendered,
     )
+
+
+def _calibrated(experiment: Experiment, measured: Dataset) -> tuple[Calibration, Extended | None]:
+    """The identification, and what was found beyond geometry where that was asked for."""
+    model, groups = experiment.model, experiment.file.identification.groups
+    if not groups:
+        return calibrate(model, baseline_model(model), measured, experiment.options), None
+    try:
+        extended = calibrate_extended(model, baseline_model(model), measured, experiment.options, groups)
+    except InputError as error:
+        raise experiment.document.error(error.message, ("identification", "extend"), found=error.found) from None
+    return extended.calibration, extended
 
 
 def _spelling(file: ExperimentFile) -> list[str]:

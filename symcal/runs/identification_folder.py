@@ -64,12 +64,15 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
         return outcome
     from symcal.images.figures import example_images, image_figures
     from symcal.plots import identification_figures
+    from symcal.plots.extension import beyond_geometry
     from symcal.plots.handover import handover_figures
     from symcal.plots.save import save_figures
     from symcal.report import write_report
 
     progress("drawing")
     illustrations = identification_figures(calibration, outcome.data, outcome.errors, outcome.content["against"])
+    if outcome.content.get("extension"):
+        illustrations += (beyond_geometry(outcome.content["extension"]),)
     if outcome.handover is not None:
         illustrations += handover_figures(outcome.handover)
     if outcome.images is not None:

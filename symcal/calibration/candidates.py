@@ -12,6 +12,7 @@ from symcal import kinematics
 from symcal.errors import InputError
 from symcal.joints import Term
 from symcal.joints.backlash import Backlash, direction_name
+from symcal.joints.compliance import Compliance
 from symcal.joints.coupling import Coupling
 from symcal.joints.gravity import FLANGE, OWN, Gravity, later
 from symcal.joints.harmonics import Harmonics
@@ -28,6 +29,8 @@ HIGHEST = 8
 """Highest multiple of a joint's reading that may be asked for by name."""
 GROUPS = ("gravity", *(f"harmonics {k}" for k in range(1, HIGHEST + 1)), "coupling", "ratio", "backlash", "payload")
 """Every group that may be asked for."""
+CONDITIONED = ("backlash", "payload")
+"""Those that depend on more than joint readings."""
 
 _SAMPLES = 400
 _SAME = 1e-3  # of the lever: what of a weight's moment others do not have is nothing below
@@ -50,7 +53,7 @@ def candidates(robot: Robot, wanted: Sequence[str], conditions: Collection[str])
             raise InputError("no such group of joint terms", key="identification.extend", found=group, allowed=allowed)
     found = [term for group in groups for term in _group(robot, group, conditions)]
     for group in groups if not automatic else ():
-        if group in ("backlash", "payload") and not any(n.group == group for t in found for n in t.numbers):
+        if group in CONDITIONED and not any(n.group == group for t in found for n in t.numbers):
             column = "q1_direction, ..." if group == "backlash" else "payload_kg"
             message = f"the data do not say what {group} depends on: give columns {column}"
             raise InputError(message, key="identification.extend", found=group)
@@ -74,6 +77,29 @@ def _group(robot: Robot, group: str, conditions: Collection[str]) -> list[Term]:
     if group == "backlash":
         return [Backlash(i, turns) for i, turns in every if direction_name(i) in conditions]
     return [t for t in (PayloadTerm(i, turns) for i, turns in every) if PAYLOAD in conditions]
+
+
+def terms_named(robot: Robot, names: Collection[str]) -> tuple[Term, ...]:
+    """Terms that have these numbers (`q2_sin_1`, `q3_compliance`, ...) and that the robot lacks; those of a true robot.
+
+    Numbers that no term has are passed over. Compliances are there where the robot file has masses or a payload.
+    """
+    n = robot.dof
+    every: list[Term] = []
+    for i, joint in enumerate(robot.joints, start=1):
+        turns = joint.revolute
+        points = (*(OWN if turns else ("x",)), *(later(j) for j in range(i + 1, n + 1)), FLANGE)
+        every += [Ratio(i, turns), *(Gravity(i, turns, points=(point,)) for point in points)]
+        every += [Harmonics(i, turns, k=(k,)) for k in range(1, HIGHEST + 1)] if turns else []
+        every += [
+            Coupling(i, turns, by=j, by_revolute=other.revolute)
+            for j, other in enumerate(robot.joints, start=1)
+            if j != i
+        ]
+        if robot.payload.kg or any(mass.on >= i for mass in robot.masses):
+            every.append(Compliance(i, turns))
+    own = robot.term_parameters
+    return tuple(t for t in every if any(p.name in names and p.name not in own for p in t.parameters))
 
 
 def gravity_terms(robot: Robot) -> list[Term]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.calibration.candidates import candidates
+from symcal.calibration.candidates import CONDITIONED, candidates
 from symcal.calibration.identify import Calibration, calibrate
 from symcal.calibration.joint_findings import JointFinding, SharedFinding, joint_findings, shared_findings
 from symcal.data.dataset import Dataset
@@ -160,6 +160,16 @@ def with_terms(model: Model, terms: Sequence[Term]) -> Model:
         return model
     robot: Robot = replace(model.robot, terms=(*model.robot.terms, *terms))
     return build_model(robot, model.task)
+
+
+def planned_model(model: Model, wanted: Sequence[str]) -> Model:
+    """The model that poses are planned for: with every joint term that the identification may keep.
+
+    Backlash and payload are not among them: no posture tells of these, but how it is approached and loaded.
+    """
+    if tuple(wanted) != ("auto",):
+        wanted = tuple(group for group in wanted if group not in CONDITIONED)
+    return with_terms(model, candidates(model.robot, wanted, ())) if wanted else model
 
 
 def _in(term: Term, groups: Sequence[str]) -> bool:

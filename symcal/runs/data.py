@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.calibration.candidates import terms_named
 from symcal.calibration.compensation_check import true_robot
+from symcal.calibration.extend import with_terms
 from symcal.calibration.simulate import concatenate, simulate
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, FileData, ImagesData, RenderedData, SimulatedData
@@ -212,7 +214,8 @@ def _simulated(
     planned: Planned | None,
 ) -> MeasuredData:
     lower, upper = config.area_of(file, document, model.robot)
-    units = dict(zip(model.parameters.names, model.parameters.units, strict=True))
+    true_model = with_terms(model, terms_named(model.robot, source.truth.errors))
+    units = dict(zip(true_model.parameters.names, true_model.parameters.units, strict=True))
     truth = config.truth_of(source, file, document, dict(units), rng)
     noise = config.noise_of(file, source, model.task.observations)
     limits = within_limits(model, asked_view(file))
@@ -227,11 +230,11 @@ def _simulated(
         return uniform(count) if seen is None else draw(WorkingArea(lower, upper), rng, count, seen)
 
     random = anywhere(file.plan.poses)
-    train = simulate(model, truth, random if planned is None else planned.plan.poses, noise, rng)
-    robot = true_robot(model, truth)
+    train = simulate(true_model, truth, random if planned is None else planned.plan.poses, noise, rng)
+    robot = true_robot(true_model, truth)
     if not source.test_poses:
         return MeasuredData(train, truth=robot)
     q = anywhere(source.test_poses)
-    test = simulate(model, truth, q, noise, rng, "test")
-    exact = simulate(model, truth, q, Noise(), rng, "test")
+    test = simulate(true_model, truth, q, noise, rng, "test")
+    exact = simulate(true_model, truth, q, Noise(), rng, "test")
     return MeasuredData(concatenate(train, test), truth=robot, exact=exact)

@@ -14,7 +14,7 @@ from symcal.calibration.claims import claim, extrapolation, worse
 from symcal.calibration.compare import compare, cross_validate
 from symcal.calibration.compensation_check import POSES, Handover, hand_over
 from symcal.calibration.evaluate import Errors, evaluate_each, expected_position_rms, judging
-from symcal.calibration.extend import Extended, calibrate_extended
+from symcal.calibration.extend import Extended, calibrate_extended, planned_model
 from symcal.calibration.extension_facts import extension_facts
 from symcal.calibration.identify import Calibration, baseline_model, calibrate
 from symcal.config import conversion as config
@@ -188,7 +188,8 @@ def plan_of(experiment: Experiment, progress: Progress) -> Planned | None:
         return None
     progress("planning")
     rng = plan_generator(experiment.seed)
-    problem = plan_problem(experiment.file, experiment.document, experiment.model, rng)
+    model = planned_model(experiment.model, experiment.file.identification.groups)
+    problem = plan_problem(experiment.file, experiment.document, model, rng)
     return find_plan(problem, wanted.model_copy(update={"random": 0}), rng, progress)
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import pandas as pd
 
 from symcal.calibration import results
+from symcal.calibration.extend import planned_model
 from symcal.config import conversion as config
 from symcal.documents.document import write_document
 from symcal.documents.table import read_table
@@ -69,7 +70,8 @@ def plan_experiment(experiment: Experiment, progress: Progress = lambda _: None)
         `symcal.planning.drive_plan.find_plan` do.
     """
     file, document = experiment.file, experiment.document
-    found = find(file, document, experiment.model, experiment.seed, progress)
+    model = planned_model(experiment.model, file.identification.groups)
+    found = find(file, document, model, experiment.seed, progress)
     problem, planned = found.problem, found.planned
     shares = constraint_facts(problem, file.plan.distance)
     inputs = (document.path, experiment.robot_path, *problem.inputs)

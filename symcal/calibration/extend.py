@@ -129,6 +129,7 @@ def calibrate_extended(
     if not kept and not own:
         last = calibrate(model, baseline, data, options)
     first = full.measurement.groups[0]
+    shared = shared_findings(last) if kept else ()
     extension = Extension(
         wanted=tuple(wanted),
         poses=len(train),
@@ -145,13 +146,20 @@ def calibrate_extended(
                 group in rejected,
                 gains[group],
                 trial[group],
-                joint_findings(last if group in kept else found, group),
+                _joints(last if group in kept else found, group, shared),
             )
             for group in chosen
         ),
-        shared=shared_findings(last, kept),
+        shared=shared,
     )
     return Extended(last, extension)
+
+
+def _joints(calibration: Calibration, group: str, shared: Sequence[SharedFinding]) -> tuple[JointFinding, ...]:
+    """A group at its joints; of waves that only mean something with the moment of the own link none is named."""
+    sums = {each.joint for each in shared} if group == "harmonics 1" else set()
+    found = joint_findings(calibration, group)
+    return tuple(replace(each, named=False, summed=True) if each.joint in sums else each for each in found)
 
 
 def with_terms(model: Model, terms: Sequence[Term]) -> Model:

@@ -53,6 +53,7 @@ def _joint(found: JointFinding) -> dict[str, Any]:
         "p": found.p,
         "named": found.named,
         "seen": found.seen,
+        "summed": found.summed,
     }
     if found.amplitude is not None:
         out |= {

@@ -8,7 +8,8 @@ many degrees of freedom as numbers if it has no such term, is beyond its 1e-3 po
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +17,9 @@ from scipy.stats import chi2
 
 from symcal import kinematics
 from symcal.calibration.identify import Calibration
-from symcal.joints.gravity import OWN
+from symcal.joints.gravity import OWN, Gravity
 from symcal.kernels import batch_function
+from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
@@ -26,6 +28,7 @@ LEVEL = 1e-3
 _SEEN = 1.0  # information over that of the plausible size: as everywhere
 _SAMPLES = 200
 _SAME = 1e-9
+_SOME = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +38,8 @@ class JointFinding:
     joint: from one. names: of the numbers. values, sigmas: in their units. p: probability of as much without a cause.
     named: whether that is small enough. seen: how many directions of the numbers the data see better than their
     plausible size, or the one that the group was found to have. amplitude, phase: of waves a sin(k q + phase), with
-    their standard deviations; rad or mm, rad. smallest: amplitude that these data would name.
+    their standard deviations; rad or mm, rad. smallest: amplitude that these data would name. summed:
+    whether only its sum with the gravity moment of the own link means anything (`SharedFinding`): it is then not named.
     """
 
     joint: int
@@ -52,6 +56,7 @@ class JointFinding:
     phase: float | None = None
     phase_sigma: float | None = None
     smallest: float | None = None
+    summed: bool = False
 
     @property
     def unseen(self) -> bool:
@@ -102,7 +107,7 @@ def _finding(
     p = float(chi2.sf(statistic, rank))
     size = np.maximum([described[n].scale for n in names], prior)  # as plausible as the data say
     strength = np.linalg.eigvalsh(information * np.outer(size, size))
-    waves: dict[str, float | None] = {}
+    waves: dict[str, Any] = {}
     sines = [i for i, n in enumerate(names) if "_sin_" in n or n.endswith("_sin")]
     if len(names) == 2 and sines:
         waves = _wave(float(values[0] + errors[0]), float(values[1] + errors[1]), covariance)
@@ -145,30 +150,23 @@ def _wave(sine: float, cosine: float, covariance: Array) -> dict[str, float | No
     }
 
 
-def shared_findings(calibration: Calibration, kept: Sequence[str]) -> tuple[SharedFinding, ...]:
-    """First harmonics and gravity moments of the own link that are one and the same, where one of them was kept."""
-    if not {"gravity", "harmonics 1"} & set(kept):
-        return ()
+def shared_findings(calibration: Calibration) -> tuple[SharedFinding, ...]:
+    """First harmonics and gravity moments of the own link that are one and the same, where one of them is estimated."""
     robot, after = calibration.model.robot, calibration.after
-    names = list(robot.term_parameters)
-    q = np.random.default_rng(0).uniform(*robot.ranges, (_SAMPLES, robot.dof))
-    (columns,) = batch_function(kinematics.bases(robot), evaluations=0)(q)
     out = []
-    for joint in range(1, robot.dof + 1):
-        waves = np.column_stack([np.ones(_SAMPLES), np.sin(q[:, joint - 1]), np.cos(q[:, joint - 1])])
-        own = [f"q{joint}_{wave}_1" for wave in ("sin", "cos")] + [f"q{joint}_gravity_{point}" for point in OWN]
-        there = [name for name in own if name in after.free]
-        if not any("gravity" in name for name in there):
+    for joint in _turns_alike(robot):
+        waves = [f"q{joint}_{wave}_1" for wave in ("sin", "cos")]
+        weights = [f"q{joint}_gravity_{point}" for point in OWN]
+        there = [name for name in (*waves, *weights) if name in after.free]
+        if not there:
             continue
-        coefficients, left = _explained(waves, columns[:, [names.index(name) for name in there]])
-        if left > _SAME:
-            continue
+        coefficients = np.hstack([np.eye(2), _as_waves(robot, joint)[0][1:]])
+        coefficients = coefficients[:, [(*waves, *weights).index(name) for name in there]]
         index = [list(after.free).index(name) for name in there]
         described = {p.name: p.nominal for p in robot.described}
         values = np.array([described[name] for name in there])
-        values = values + after.x[calibration.model.parameters.indices(there)]
-        total = coefficients[1:] @ values
-        covariance = coefficients[1:] @ after.posterior.covariance[np.ix_(index, index)] @ coefficients[1:].T
+        total = coefficients @ (values + after.x[calibration.model.parameters.indices(there)])
+        covariance = coefficients @ after.posterior.covariance[np.ix_(index, index)] @ coefficients.T
         found = {key: value or 0.0 for key, value in _wave(float(total[0]), float(total[1]), covariance).items()}
         out.append(
             SharedFinding(
@@ -181,6 +179,22 @@ def shared_findings(calibration: Calibration, kept: Sequence[str]) -> tuple[Shar
             )
         )
     return tuple(out)
+
+
+def _turns_alike(robot: Robot) -> tuple[int, ...]:
+    """Joints at which a first harmonic and the gravity moment of the own link are one and the same at every pose."""
+    turning = [i for i, joint in enumerate(robot.joints, start=1) if joint.revolute]
+    found = [(i, *_as_waves(robot, i)) for i in turning]
+    return tuple(i for i, waves, left in found if left < _SAME and np.abs(waves[1:]).max() > _SOME)
+
+
+def _as_waves(robot: Robot, joint: int) -> tuple[Array, float]:
+    """The moments of the own link as a constant, sine and cosine of the reading, shape (3, 2), and what is left."""
+    own = replace(robot, terms=(Gravity(joint, True, points=tuple(OWN)),))
+    q = np.random.default_rng(0).uniform(*robot.ranges, (_SAMPLES, robot.dof))
+    (columns,) = batch_function(kinematics.bases(own), evaluations=0)(q)
+    turn = q[:, joint - 1]
+    return _explained(np.column_stack([np.ones(_SAMPLES), np.sin(turn), np.cos(turn)]), columns)
 
 
 def _explained(waves: Array, columns: Array) -> tuple[Array, float]:

@@ -104,9 +104,7 @@ def coordinates(
             for k in term.k:
                 u[j - 1] += value[f"{of}sin_{k}"] * np.sin(k * angle) + value[f"{of}cos_{k}"] * np.cos(k * angle)
         elif term.kind == "payload":
-            u[j - 1] += (
-                value["payload"] * conditions.get("payload", 0) * pull(j, at(flange, robot.payload.at)) / lever
-            )
+            u[j - 1] += value["payload"] * conditions.get("payload", 0) * pull(j, at(flange, robot.payload.at)) / lever
         elif term.kind == "gravity":
             for point in term.points:
                 own = {"x": (j, (300.0, 0, 0)), "y": (j, (0, 300.0, 0)), "flange": (flange, (0, 0, 0))}

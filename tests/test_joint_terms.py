@@ -103,7 +103,7 @@ def test_the_random_robots_have_every_kind_on_both_kinds_of_joints():
 def test_bases_are_slopes_of_the_coordinates_at_nominal_conditions(rng):
     robot = random_arm(rng)
     q = readings(rng, robot)
-    nominal = {name: 0.0 for name in robot.conditions}
+    nominal = dict.fromkeys(robot.conditions, 0.0)
     found = np.array(bases(robot)(q)).ravel()
     names = list(robot.term_parameters)
     assert found.shape == (len(names),)
@@ -132,9 +132,10 @@ def test_no_condition_is_the_nominal_one(rng):
 def test_moments_are_pinocchio_s(rng, convention, down):
     """What a compliance of one yields is minus the generalised gravity of rigid body dynamics, in N mm and N."""
     robot = replace(random_robot(rng, convention, int(rng.integers(1, 7))), record=None, base=np.eye(4))
-    masses = [(int(on), float(kg), rng.uniform(-200, 200, 3)) for on, kg in zip(
-        rng.integers(1, robot.dof + 2, 4), rng.uniform(0.5, 8, 4), strict=True
-    )]
+    masses = [
+        (int(on), float(kg), rng.uniform(-200, 200, 3))
+        for on, kg in zip(rng.integers(1, robot.dof + 2, 4), rng.uniform(0.5, 8, 4), strict=True)
+    ]
     payload = Payload(float(rng.uniform(0, 4)), tuple(rng.uniform(-90, 90, 3).tolist()))
     robot = replace(
         robot,

@@ -241,9 +241,7 @@ def test_each_mistake_is_one_error_at_its_place(write, old, new, key, found, wor
 
 
 def test_a_compliance_takes_known_masses(write):
-    text = "\n".join(
-        line for line in FILE.splitlines() if not line.startswith(("masses", "  - {on", "payload"))
-    )
+    text = "\n".join(line for line in FILE.splitlines() if not line.startswith(("masses", "  - {on", "payload")))
     error = refused(write(text))
     assert (error.line, error.key) == (line_of(text, "term: compliance"), "terms[7].term")
     assert "'masses' or 'payload'" in str(error)

@@ -60,9 +60,7 @@ def read_conditions(table: Table, robot: Robot) -> dict[str, Array]:
 def _check(table: Table, column: str, wrong: NDArray[np.bool_], message: str, allowed: Sequence[str]) -> None:
     for row in np.flatnonzero(wrong):
         cell = table.text(column)[row]
-        raise InputError(
-            message, file=table.path, line=table.lines[row], column=column, found=cell, allowed=allowed
-        )
+        raise InputError(message, file=table.path, line=table.lines[row], column=column, found=cell, allowed=allowed)
 
 
 def of_postures(

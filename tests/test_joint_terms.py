@@ -161,7 +161,7 @@ def test_moments_are_pinocchio_s(rng, convention, down):
 
 
 def test_an_arm_that_hangs_yields_the_other_way():
-    """By hand: 2 kg at 500 mm on a horizontal axis turn it by 2 g 500 N mm; half of it at 60 deg below the horizontal."""
+    """By hand: 2 kg at 500 mm on a horizontal axis turn it by 2 g 500 N mm; half of it at 60 deg below that."""
     link = Link(Joint("revolute", "shoulder"), {"alpha": -np.pi / 2, "theta": 0.0})
     arm = Robot("one", "craig", (link,), masses=(Mass(1, 2.0, (500.0, 0.0, 0.0)),), terms=(Compliance(1, True),))
     moment = 2 * 9.80665 * 500  # N mm; the axis is +y of the base, and turns +x downward

@@ -124,9 +124,8 @@ def stack(model: Model) -> tuple[Added, ...]:
 
 def _asked(robot: Robot) -> tuple[str, ...]:
     """What measurements must say beside joint readings."""
-    wanted = [
-        name for name in robot.conditions if any(name in t.conditions for t in robot.terms if t.kind != "compliance")
-    ]
+    asking = [term for term in robot.terms if term.kind != "compliance"]  # which is seen by the nominal payload too
+    wanted = dict.fromkeys(name for term in asking for name in term.conditions)
     if not wanted:
         return ()
     columns = [condition_columns(robot)[name][0] for name in wanted]

@@ -19,6 +19,23 @@ DEGREES = 180 / math.pi
 SHOWN_UNITS: dict[str, str] = {"mm": "mm", "rad": "deg", "px": "px"}
 """In what people are shown the program's units."""
 
+SHOWN: dict[str, tuple[str, float]] = {
+    "mm": ("mm", 1.0),
+    "rad": ("deg", DEGREES),
+    "px": ("px", 1.0),
+    "1": ("1", 1.0),
+    "rad/mm": ("mrad/m", 1e6),
+    "mm/rad": ("mm/rad", 1.0),
+    "rad/Nmm": ("µrad/(N m)", 1e9),
+    "mm/N": ("µm/N", 1e3),
+}
+"""In what people are shown a parameter, and how many of that one of the program's units is; see `in_mrad`."""
+
+
+def in_mrad(unit: str) -> tuple[str, float]:
+    """`SHOWN` where small angles are shown in mrad."""
+    return ("mrad", 1e3) if unit == "rad" else SHOWN[unit]
+
 
 def unit_factor(unit: str, length: float, angle: float) -> float:
     """What one of a file's units is in the program's: of mm, rad, 1 and their ratios (rad/mm, rad/Nmm, ...).

@@ -99,12 +99,13 @@ def test_every_image_that_fails_is_named_with_its_reason(scene, tmp_path):
     readings = ",".join(repr(float(v)) for v in q[0])
     names = ["good.png", *bad, "text.png", "cut.png", "missing.png"]
     table = tmp_path / "joints.csv"
-    head = "image,q1_rad,q2_mm,q3_mm,q4_rad,q5_rad"
-    table.write_text("\n".join([head, *(f"{name},{readings}" for name in names)]) + "\n")
+    head = "image,q1_rad,q2_mm,q3_mm,q4_rad,q5_rad,q4_direction,payload_kg"
+    table.write_text("\n".join([head, *(f"{name},{readings},-1,3" for name in names)]) + "\n")
     table = read_shots(table, ROBOT, files)
     assert dict(table.left).keys() == {"missing.png", "stray.png"}
     found = measure_images(table.shots, ROBOT, LENS, target(), T_world_camera=T_WORLD_CAMERA)
     assert found.images == ("good.png",)
+    assert {k: v.tolist() for k, v in found.data.conditions.items()} == {"q4_direction": [-1.0], "payload": [3.0]}
     reasons = dict(found.failures)
     assert reasons.keys() == {*bad, "text.png", "cut.png"}
     for name, word in {"black": "black", "small": "size", "text": "not an image", "cut": "cut"}.items():

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from test_term_files import FILE
 
-from symcal.cli.terminal import print_accuracy, print_check
-from symcal.runs.check import Added, Check
+from symcal.cli.terminal import print_accuracy, print_check, print_robot
+from symcal.robot.robot import load_robot
+from symcal.runs.check import Added, Check, check_robot
 
 FOUND = {
     "converged": True,
@@ -114,3 +117,43 @@ def test_check_says_what_every_instrument_adds(capsys: pytest.CaptureFixture[str
     assert out.splitlines()[-1].split()[-3:] == ["1", "25", "6"]
     print_check(Check(np.eye(4), {}, ()))
     assert "rank alone" not in capsys.readouterr().out
+
+
+def test_check_says_joint_terms_with_their_units(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_text(FILE)
+    robot = load_robot(path)
+    print_robot(robot)
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    for line in (
+        "joint term number value unit depends on",
+        "waist harmonics q1_sin_1 0.02 deg waves 1, 2 of its reading",
+        "waist harmonics q1_motor_sin_1 0.003 deg waves 1 of its motor, 101 turns per turn",
+        "lift harmonics q3_sin_1 0.05 mm waves 1 of its screw, 20 mm per turn",
+        "wrist ratio q4_ratio 0.001 1 its reading",
+        "elbow coupling q2_by_q3 174.5329 mrad/m the reading of joint 3",
+        "elbow backlash q2_backlash 0.01 deg the direction it came from (q2_direction)",
+        "elbow compliance q2_compliance 17.45329 µrad/(N m) the gravity moment of masses and payload",
+        "elbow gravity q2_gravity_x 0.1 deg the gravity moment of weights at x, q4, flange",
+    ):
+        assert line in lines
+    facts = "gravity along (0, 0, 1) of the base; masses: 8 kg on elbow, 1 kg on the flange and a payload of 2 kg"
+    assert lines[-1] == facts
+    path.write_text(FILE[: FILE.index("terms:")])
+    print_robot(load_robot(path))
+    out = capsys.readouterr().out
+    assert "depends on" not in out
+    assert "gravity" not in out
+
+
+def test_check_counts_the_numbers_of_terms_and_names_the_columns_that_they_need(tmp_path: Path) -> None:
+    path = tmp_path / "robot.yaml"
+    path.write_text(FILE)
+    found = check_robot(load_robot(path))
+    seen = found.seen["pose of the tool"]
+    assert set(load_robot(path).term_parameters) <= set(seen.names)
+    # at this wrist, which turns about the lift's axis, weights at its origin and at the flange weigh the same
+    texts = [direction.text for direction in seen.unseen()]
+    assert sum("q2_gravity_q4 and q2_gravity_flange cannot be told apart" in text for text in texts) == 1
+    assert not any("direction" in text or "backlash" in text or "payload" in text for text in texts)
+    assert any("depend on q2_direction and payload_kg" in note for note in found.notes)

@@ -15,7 +15,7 @@ from symcal.calibration.length import unseen_length
 from symcal.model.measurement import Setup
 from symcal.model.model import Model
 from symcal.parameters import coordinate_names, frame_names
-from symcal.units import DEGREES, SHOWN_UNITS
+from symcal.units import SHOWN
 
 
 def frame_facts(model: Model, setup: Setup, unknown: Collection[str] = ()) -> dict[str, Any]:
@@ -96,7 +96,7 @@ def known_facts(calibration: Calibration, found: HeldOutPlaces) -> dict[str, dic
 
 def _in_unit(unit: str) -> tuple[str, float]:
     """The unit that people are shown, and how many of it one has."""
-    return SHOWN_UNITS[unit], DEGREES if unit == "rad" else 1.0
+    return SHOWN[unit]
 
 
 def length_facts(calibration: Calibration) -> dict[str, Any] | None:

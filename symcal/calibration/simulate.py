@@ -109,4 +109,7 @@ def concatenate(first: Dataset, second: Dataset) -> Dataset:
         labels=tuple(str(i) for i in range(len(first) + len(second))),
         split=first.split + second.split,
         provenance=first.provenance,
+        conditions={
+            name: np.concatenate([first.conditions[name], second.conditions[name]]) for name in first.conditions
+        },
     )

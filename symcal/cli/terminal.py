@@ -226,6 +226,32 @@ def print_robot(robot: Any) -> None:
         limits = f"{shown[0]:.6g} .. {shown[1]:.6g}" if np.isfinite(joint.lower) else "none"
         table.add_row(str(i), escape(joint.name), joint.kind, limits, *cells)
     console.print(table)
+    _print_terms(console, robot)
+
+
+def _print_terms(console: Console, robot: Any) -> None:
+    """Joint terms with their numbers, and what gravity pulls at."""
+    from symcal.joints.arm import Payload
+    from symcal.robot.terms import DOWN
+    from symcal.units import SHOWN
+    from symcal.words import listed
+
+    names = [joint.name for joint in robot.joints]
+    if robot.terms:
+        table = Table("joint", "term", "number", "value", "unit", "depends on", box=None)
+        for term in robot.terms:
+            words = [escape(names[term.joint - 1]), term.kind, escape(term.said)]
+            for p in term.parameters:
+                unit, factor = SHOWN[p.unit]
+                table.add_row(*words[:2], p.name, f"{p.value * factor:.7g}", unit, words[2])
+        console.print()
+        console.print(table)
+    carried = [f"{m.kg:g} kg on {[*names, 'the flange'][m.on - 1]}" for m in robot.masses]
+    carried += [f"a payload of {robot.payload.kg:g} kg"] if robot.payload != Payload() else []
+    facts = [f"gravity along ({', '.join(f'{v:g}' for v in robot.down)}) of the base"] if robot.down != DOWN else []
+    facts += [f"masses: {escape(listed(carried))}"] if carried else []
+    if facts:
+        console.print("; ".join(facts))
 
 
 def print_compensation(result: Any) -> None:

@@ -179,16 +179,29 @@ def merged(sets: Sequence[Dataset], sessions: Sequence[str]) -> Dataset:
         labels=tuple(rows),
         split=tuple(data.split[i] for data, i in first),
         sigma=sigma if any(data.sigma is not None for data in sets) else None,
-        conditions=_conditions(first),
+        conditions=_conditions(sets, sessions, rows),
         provenance=", ".join(dict.fromkeys(data.provenance for data in sets)),
         notes=tuple(f"{data.only.name}: {note}" for data in sets for note in data.notes),
     )
 
 
-def _conditions(poses: Sequence[tuple[Dataset, int]]) -> dict[str, Array]:
-    """Conditions of poses of several sets; nominal where a set says nothing."""
-    names = dict.fromkeys(name for data, _ in poses for name in data.conditions)
-    return {
-        name: np.array([data.conditions[name][i] if name in data.conditions else 0.0 for data, i in poses])
-        for name in names
-    }
+def _conditions(sets: Sequence[Dataset], sessions: Sequence[str], rows: Mapping[str, int]) -> dict[str, Array]:
+    """Conditions of the poses of several sets; nominal where no set says anything.
+
+    Raises:
+        InputError: two sets say different things of one pose.
+    """
+    names = dict.fromkeys(name for data in sets for name in data.conditions)
+    out = {name: np.full(len(rows), np.nan) for name in names}
+    for data, session in zip(sets, sessions, strict=True):
+        index = np.array([rows[f"{session}/{label}" if session else label] for label in data.labels], dtype=np.intp)
+        for name, values in data.conditions.items():
+            other = out[name][index]
+            for k in np.flatnonzero(np.isfinite(other) & (np.abs(other - values) > _ONE_POSTURE)):
+                raise InputError(
+                    f"pose '{data.labels[k]}' has another {name.replace('_', ' ')} with '{data.only.name}' than with "
+                    "another observation: it is one posture; give poses of other sessions a 'session' of their own",
+                    file=data.provenance or None,
+                )
+            out[name][index] = np.where(np.isfinite(other), other, values)
+    return {name: np.nan_to_num(values) for name, values in out.items()}

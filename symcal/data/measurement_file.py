@@ -3,7 +3,7 @@
 One row per observation: `pose,q1_deg,...,point,x_mm,y_mm,z_mm` (position; or wide, `P1_x_mm,...`),
 `x_m,y_m,z_m,qx,qy,qz,qw` or `roll_deg,pitch_deg,yaw_deg` (pose), `pose,q1_deg,...,point,u_px,v_px` (pixels),
 `pose,q1_deg,...,distance_mm`; in general the columns of the kind of instrument, none of a constraint. Optional
-`sigma_*`, `split` and `session` columns.
+`sigma_*`, `split` and `session` columns, and those of `symcal.data.conditions`.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from symcal import spatial
+from symcal.data.conditions import condition_columns, of_postures, read_conditions
 from symcal.data.dataset import Dataset, Readings
 from symcal.data.layout import Layout
 from symcal.data.notes import notes, unread
@@ -73,13 +74,16 @@ def load_measurements(
             message = "'columns' gives a column a name that means nothing here"
             raise InputError(message, file=path, key="columns", found=canonical, allowed=sorted(known))
     q = joint_readings(table, [(joint.name, joint.revolute) for joint in robot.joints], measured)
+    conditions = read_conditions(table, robot)
     poses: Sequence[object] = range(len(table))
     if reads.reads == "frame":
-        data = _read_pose(table, q, reads)
+        data = replace(_read_pose(table, q, reads), conditions=conditions)
     elif measured or reads.constrains:
-        data, poses = _read_long(table, q, reads, expected), _pose_keys(table, q)
+        poses = _pose_keys(table, np.column_stack([q, *conditions.values()]))
+        data, firsts, place = _read_long(table, q, poses, reads, expected)
+        data = replace(data, conditions=of_postures(table, conditions, robot, data.labels, place, firsts))
     else:
-        data = _read_wide(table, q, reads, expected)
+        data = replace(_read_wide(table, q, reads, expected), conditions=conditions)
     data = replace(data, split=splits(whole, poses, split, alone=session is None and alone), provenance=str(path))
     data = replace(data, of=(replace(data.only, name=name or reads.name),))
     if reads.constrains and "pose" not in table.columns:  # a posture touches one thing, and none here is called by name
@@ -110,28 +114,22 @@ def _known_stems(table: Table, robot: Robot, split: Split, kind: Instrument) -> 
     wide = {f"{name}_{c}" for name in _wide_points(table) for c in "xyz"}
     joints = {name for i, joint in enumerate(robot.joints, start=1) for name in (f"q{i}", joint.name)}
     measured = {name for each in every for name, _ in each.columns} | set(_FRAME_ANGLES)
-    return {"pose", "point", "session", split.column or "split"} | sigmas | wide | joints | measured
+    conditions = {name for names in condition_columns(robot).values() for name in names}
+    return {"pose", "point", "session", split.column or "split"} | sigmas | wide | joints | measured | conditions
 
 
-def _pose_keys(table: Table, q: Array) -> list[object]:
-    """What tells the posture of each row: its name within its session, or its joint readings."""
+def _pose_keys(table: Table, postures: Array) -> list[object]:
+    """What tells the posture of each row: its name within its session, or its joint readings with its conditions."""
     if "pose" in table.columns:
         names = table.text("pose")
         return [(s, n) if s else n for s, n in zip(_sessions(table), names, strict=True)]
     if "point" in table.columns:
-        return [tuple(row) for row in q.tolist()]
+        return [tuple(row) for row in postures.tolist()]
     return list(range(len(table)))
 
 
 def _sessions(table: Table) -> list[str]:
     return table.text("session") if "session" in table.columns else [""] * len(table)
-
-
-def _first_rows(table: Table, q: Array) -> NDArray[np.intp]:
-    first: dict[object, int] = {}
-    for i, key in enumerate(_pose_keys(table, q)):
-        first.setdefault(key, i)
-    return np.array(list(first.values()), dtype=np.intp)
 
 
 def _labels(table: Table, rows: NDArray[np.intp]) -> tuple[str, ...]:
@@ -170,7 +168,10 @@ def _plain(table: Table, name: str, kind: Instrument) -> str:
     return name
 
 
-def _read_long(table: Table, q: Array, kind: Instrument, expected: tuple[str, ...]) -> Dataset:
+def _read_long(
+    table: Table, q: Array, keys: Sequence[object], kind: Instrument, expected: tuple[str, ...]
+) -> tuple[Dataset, NDArray[np.intp], NDArray[np.intp]]:
+    """The data, the first row of every posture, and the posture of every row; keys: what tells that."""
     names, size, width = expected, len(kind.columns), sum(quantity.size for quantity in kind.quantities)
     points = table.text("point") if "point" in table.columns else None
     if points is None:
@@ -180,9 +181,9 @@ def _read_long(table: Table, q: Array, kind: Instrument, expected: tuple[str, ..
             raise InputError(message, file=table.path, line=table.head_line, allowed=names)
         points = [names[0]] * len(table)
     names = names or tuple(dict.fromkeys(points))
-    keys = _pose_keys(table, q)
     place = {key: i for i, key in enumerate(dict.fromkeys(keys))}
-    firsts = _first_rows(table, q)
+    of_row = np.array([place[key] for key in keys], dtype=np.intp)
+    firsts = np.unique(of_row, return_index=True)[1].astype(np.intp)
     labels = _labels(table, firsts)
     values = _values(table, kind)
     noise = _sigmas(table, kind)
@@ -210,7 +211,8 @@ def _read_long(table: Table, q: Array, kind: Instrument, expected: tuple[str, ..
         z[i, size * k : size * (k + 1)] = values[row]
         if noise is not None:
             sigma[i, width * k : width * (k + 1)] = noise[row]
-    return Dataset((Readings(kind, "", names),), q[firsts], z, labels, (), None if noise is None else sigma)
+    data = Dataset((Readings(kind, "", names),), q[firsts], z, labels, (), None if noise is None else sigma)
+    return data, firsts, of_row
 
 
 def _read_wide(table: Table, q: Array, kind: Instrument, expected: tuple[str, ...]) -> Dataset:

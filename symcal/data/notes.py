@@ -66,7 +66,8 @@ def _still(data: Dataset, robot: Robot) -> list[str]:
 def _twins(data: Dataset) -> list[str]:
     first: dict[tuple[float, ...], str] = {}
     twins = []
-    for label, row in zip(data.labels, map(tuple, data.q.tolist()), strict=True):
+    postures = np.column_stack([data.q, *data.conditions.values()])
+    for label, row in zip(data.labels, map(tuple, postures.tolist()), strict=True):
         if row in first:
             twins.append(f"{first[row]} and {label}")
         first.setdefault(row, label)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from symcal.data.conditions import written_conditions
 from symcal.data.dataset import Dataset
 from symcal.robot.robot import Robot
 
@@ -21,6 +22,8 @@ def save_measurements(data: Dataset, robot: Robot, path: Path | str, head_lines:
     units = ["deg" if joint.revolute else "mm" for joint in robot.joints]
     head = ["pose", *(f"q{i}_{unit}" for i, unit in enumerate(units, start=1))]
     q = np.where([joint.revolute for joint in robot.joints], np.rad2deg(data.q), data.q)
+    conditions = written_conditions(data, robot)
+    head += conditions
     rows: list[list[object]] = []
     kind = data.only.instrument
     size, width = len(kind.columns), sum(quantity.size for quantity in kind.quantities)
@@ -32,7 +35,8 @@ def save_measurements(data: Dataset, robot: Robot, path: Path | str, head_lines:
             own, errors = slice(size * k, size * (k + 1)), slice(width * k, width * (k + 1))
             if np.isfinite(data.z[i, own]).any():
                 cells = [*data.z[i, own][: len(kind.file_columns)], *_sigma_cells(data, i, errors)]
-                rows.append([data.labels[i], *q[i], *([name] if named else []), *cells, data.split[i]])
+                given = [float(values[i]) for values in conditions.values()]
+                rows.append([data.labels[i], *q[i], *given, *([name] if named else []), *cells, data.split[i]])
     if data.sigma is not None:
         head += [f"{name}_{quantity.unit}" for quantity in kind.quantities for name in quantity.sigma_columns]
     with Path(path).open("w", newline="", encoding="utf-8") as file:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from symcal.parameters import ParameterSet
+from symcal.units import in_mrad
 
 Array = NDArray[np.float64]
 
@@ -181,5 +182,5 @@ def _sentence(
 
 
 def _amount(value: float, name: str, unit: str) -> str:
-    shown, label = (value * 1e3, "mrad") if unit == "rad" else (value, unit)
-    return f"{shown:+.3g} {label} of {name}"
+    label, factor = in_mrad(unit)
+    return f"{value * factor:+.3g} {label if label != '1' else ''} of {name}".replace("  ", " ")

@@ -23,7 +23,7 @@ from symcal.images.copies import copies, copy_reasons
 from symcal.images.foreign import foreign_reasons
 from symcal.images.measure import flange_poses
 from symcal.images.other_cameras import other_cameras
-from symcal.images.shots import Shot, Shots, listed_failures
+from symcal.images.shots import Shot, Shots, conditions_of, listed_failures
 from symcal.instruments import seen_by
 from symcal.placing.agreement import FEWEST, MOUNTS, Agreement, Mount, agreement
 from symcal.placing.pairing import foreign_views
@@ -258,4 +258,5 @@ def _dataset(shots: Sequence[Shot], detections: Sequence[BoardDetection], camera
         labels=tuple(shot.label for shot in shots),
         split=tuple(shot.split for shot in shots),
         provenance="images",
+        conditions=conditions_of(shots),
     )

@@ -20,7 +20,7 @@ from symcal.camera.camera import Camera
 from symcal.camera.target import Target
 from symcal.data.dataset import Dataset, Readings
 from symcal.errors import InputError, RefusedError
-from symcal.images.shots import Shot, listed_failures
+from symcal.images.shots import Shot, conditions_of, listed_failures
 from symcal.instruments import seen_by
 from symcal.kernels import batch_function
 from symcal.kinematics import chain, forward, frame_vector
@@ -192,6 +192,7 @@ def _dataset(kept: Sequence[tuple[Shot, TargetDetection]], camera: Camera, targe
         labels=tuple(shot.label for shot, _ in kept),
         split=tuple(shot.split for shot, _ in kept),
         provenance="images",
+        conditions=conditions_of([shot for shot, _ in kept]),
     )
 
 

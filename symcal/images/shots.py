@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.data.conditions import read_conditions
 from symcal.data.split import Split, splits
 from symcal.documents.table import joint_readings, read_table
 from symcal.errors import InputError
@@ -20,13 +21,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """One image to be measured: its name, the pose's label and split, joint readings (dof,), and how to get it."""
+    """One image to be measured: its name, the pose's label and split, joint readings (dof,), and how to get it.
+
+    conditions: what else its table says of the pose, see `symcal.data.conditions`.
+    """
 
     name: str
     label: str
     split: str
     q: Array
     load: Callable[[], NDArray[np.generic]]
+    conditions: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +56,8 @@ class Shots:
 
 
 def read_shots(path: Path | str, robot: Robot, images: Sequence[Path], split: Split | None = None) -> Shots:
-    """Images with their joint readings, from a CSV file with the columns `image`, joints, and `pose`, `split` if any.
+    """Images with their joint readings, from a CSV file with the columns `image`, joints, and `pose`, `split`,
+    directions and payload if any.
 
     Args:
         split: which poses train and which test; None keeps the labels of a column `split` as they are.
@@ -64,6 +70,7 @@ def read_shots(path: Path | str, robot: Robot, images: Sequence[Path], split: Sp
     if not len(table):
         raise InputError("the file has a header but no rows", file=path)
     q = joint_readings(table, [(joint.name, joint.revolute) for joint in robot.joints])
+    conditions = read_conditions(table, robot)
     places: dict[str, Path] = {}
     for image in images:
         if image.name in places:
@@ -83,7 +90,8 @@ def read_shots(path: Path | str, robot: Robot, images: Sequence[Path], split: Sp
         if file is None:
             left.append((name, f"line {table.lines[row]} of {Path(path).name} names it, but no such image was given"))
         else:
-            shots.append(Shot(name, labels[row], parts[row], q[row], _reader(file)))
+            given = {condition: float(values[row]) for condition, values in conditions.items()}
+            shots.append(Shot(name, labels[row], parts[row], q[row], _reader(file), given))
             rows.append(row)
     left += [(name, f"{Path(path).name} has no joint readings for it") for name in places]
     return Shots(tuple(shots), tuple(rows), tuple(labels), q, tuple(left))
@@ -91,6 +99,11 @@ def read_shots(path: Path | str, robot: Robot, images: Sequence[Path], split: Sp
 
 def _reader(path: Path) -> Callable[[], NDArray[np.generic]]:
     return lambda: read_image(path)
+
+
+def conditions_of(shots: Sequence[Shot]) -> dict[str, Array]:
+    """The conditions of shots of one table, by name, shape (N,)."""
+    return {name: np.array([shot.conditions[name] for shot in shots]) for name in shots[0].conditions}
 
 
 def listed_failures(failures: Sequence[tuple[str, str]]) -> str:

@@ -36,5 +36,9 @@ class Backlash(Term):
     def conditions(self) -> tuple[str, ...]:
         return (direction_name(self.joint),)
 
+    @property
+    def said(self) -> str:
+        return f"the direction it came from ({direction_name(self.joint)})"
+
     def basis(self, arm: Arm) -> dict[str, ca.SX]:
         return {"backlash": -arm.conditions[direction_name(self.joint)]}

@@ -38,6 +38,10 @@ class Compliance(Term):
     def conditions(self) -> tuple[str, ...]:
         return (PAYLOAD,)
 
+    @property
+    def said(self) -> str:
+        return "the gravity moment of masses and payload" if self.revolute else "the weight of masses and payload"
+
     def basis(self, arm: Arm) -> dict[str, ca.SX]:
         flange = len(arm.frames)
         carried: list[tuple[ca.SX | float, ca.SX]] = [

@@ -29,5 +29,9 @@ class Coupling(Term):
         unit: Unit = "1" if self.revolute == self.by_revolute else "rad/mm" if self.revolute else "mm/rad"
         return (Number(f"by_q{self.by}", unit, _SIZES[unit], "coupling"),)
 
+    @property
+    def said(self) -> str:
+        return f"the reading of joint {self.by}"
+
     def basis(self, arm: Arm) -> dict[str, ca.SX]:
         return {self.labels[0]: arm.moved[self.by - 1]}

@@ -16,6 +16,7 @@ import casadi as ca
 from symcal.joints.arm import Arm
 from symcal.joints.term import Number, Term
 from symcal.parameters import Unit
+from symcal.words import in_short
 
 LEVER = 300.0
 """mm: the arm that a deflection by gravity is stated for."""
@@ -51,6 +52,10 @@ class Gravity(Term):
     @property
     def needs_arm(self) -> bool:
         return True
+
+    @property
+    def said(self) -> str:
+        return f"the gravity moment of weights at {in_short(self.points)}" if self.revolute else "gravity along it"
 
     def basis(self, arm: Arm) -> dict[str, ca.SX]:
         return {label: self._lever(arm, point) for label, point in zip(self.labels, self.points, strict=True)}

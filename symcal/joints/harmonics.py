@@ -15,6 +15,7 @@ import casadi as ca
 from symcal.joints.arm import Arm
 from symcal.joints.term import Number, Term
 from symcal.parameters import Unit
+from symcal.words import in_short
 
 SX = ca.SX
 
@@ -44,6 +45,12 @@ class Harmonics(Term):
         unit: Unit = "rad" if self.revolute else "mm"
         size = _SIZES[self.revolute]
         return tuple(Number(f"{of}{wave}_{k}", unit, size, f"{group} {k}") for k in self.k for wave in ("sin", "cos"))
+
+    @property
+    def said(self) -> str:
+        of = "of its reading" if self.gear is None else f"of its motor, {self.gear:g} turns per turn"
+        of = of if self.pitch is None else f"of its screw, {self.pitch:g} mm per turn"
+        return f"waves {in_short([str(k) for k in self.k])} {of}"
 
     def basis(self, arm: Arm) -> dict[str, SX]:
         turn = arm.q[self.joint - 1] * (self.gear or 1.0)

@@ -38,6 +38,10 @@ class PayloadTerm(Term):
     def conditions(self) -> tuple[str, ...]:
         return (PAYLOAD,)
 
+    @property
+    def said(self) -> str:
+        return f"the {'gravity moment' if self.revolute else 'weight'} of what a pose carries beyond nominal"
+
     def basis(self, arm: Arm) -> dict[str, ca.SX]:
         lever = arm.lever(self.joint, arm.place(len(arm.frames), arm.payload.at))
         return {"payload": arm.conditions[PAYLOAD] * (lever / LEVER if self.revolute else lever)}

@@ -21,5 +21,9 @@ class Ratio(Term):
     def numbers(self) -> tuple[Number, ...]:
         return (Number("ratio", "1", 1e-3, "ratio"),)
 
+    @property
+    def said(self) -> str:
+        return "its reading"
+
     def basis(self, arm: Arm) -> dict[str, ca.SX]:
         return {"ratio": arm.moved[self.joint - 1]}

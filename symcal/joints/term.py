@@ -71,6 +71,11 @@ class Term(ABC):
         """What the joint moves by per unit of each number, rad or mm per unit."""
 
     @property
+    @abstractmethod
+    def said(self) -> str:
+        """What it depends on, in words."""
+
+    @property
     def conditions(self) -> tuple[str, ...]:
         """What of a pose it depends on beside joint readings, see `Arm.conditions`."""
         return ()

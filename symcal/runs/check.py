@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from symcal.calibration.results import observation_facts, unknown_words
+from symcal.data.conditions import condition_columns
 from symcal.fit.identifiability import Identifiability, analyse, numerical_rank
+from symcal.joints.payload import PAYLOAD
 from symcal.kernels import batch_function
 from symcal.kinematics import chain, forward, frame_vector
 from symcal.model.contact import constraints, contact_postures, touched
@@ -22,11 +24,12 @@ from symcal.model.task import Task
 from symcal.parameters import coordinate_names
 from symcal.robot.robot import Robot
 from symcal.spatial import transform
-from symcal.words import in_short
+from symcal.words import in_short, listed
 
 Array = NDArray[np.float64]
 
 _PARALLEL = np.deg2rad(5.0)
+_LOAD = 5.0  # kg
 _SAMPLE = 300  # poses: many more than parameters, so that the rank is the model's and not the sample's
 
 
@@ -54,7 +57,7 @@ def check_robot(robot: Robot) -> Check:
     return Check(
         pose_at_zero(robot),
         {name: potential(build_model(robot, task)) for name, task in tasks.items()},
-        parallel_axes(robot),
+        (*parallel_axes(robot), *_asked(robot)),
     )
 
 
@@ -67,7 +70,7 @@ def check_model(model: Model) -> Check:
     return Check(
         pose_at_zero(model.robot),
         {f"{name}{words}": potential(model)},
-        (*parallel_axes(model.robot), *_no_length(model)),
+        (*parallel_axes(model.robot), *_no_length(model), *_asked(model.robot)),
         stack(model),
     )
 
@@ -119,6 +122,19 @@ def stack(model: Model) -> tuple[Added, ...]:
     return tuple(found)
 
 
+def _asked(robot: Robot) -> tuple[str, ...]:
+    """What measurements must say beside joint readings."""
+    asking = [term for term in robot.terms if term.kind != "compliance"]  # which is seen by the nominal payload too
+    wanted = dict.fromkeys(name for term in asking for name in term.conditions)
+    if not wanted:
+        return ()
+    columns = [condition_columns(robot)[name][0] for name in wanted]
+    return (
+        f"joint terms depend on {listed(columns)}: only measurements with such columns tell their numbers; here they "
+        "are taken to vary from pose to pose",
+    )
+
+
 def _no_length(model: Model) -> tuple[str, ...]:
     """That nothing which is read sees a length."""
     if model.measurement.sees_length:
@@ -164,13 +180,21 @@ def _sampled(model: Model) -> Array:
         q = contact_postures(there, _SAMPLE, draw, (lower, upper))
         for part, own in zip(parts, touched(model.measurement, there.setup, q).T, strict=True):
             weight[:, part.components] *= own[:, None]
-    (jacobian,) = model.jacobian(q, x, setup.vector)
+    (jacobian,) = model.jacobian(q, x, setup.under(_conditions(model.robot, len(q), rng)))
     for part in model.measurement.parts:  # points at a camera's very centre would drown all others
         if part.observation.instrument.is_camera:
             rows = jacobian[:, part.components]
             size = np.linalg.norm(rows * model.parameters.scales, axis=2, keepdims=True)
             jacobian[:, part.components] = rows / np.maximum(size / np.median(size), 1.0)
     return np.asarray(jacobian * weight[:, :, None])
+
+
+def _conditions(robot: Robot, count: int, rng: np.random.Generator) -> dict[str, Array]:
+    """What joint terms depend on beside readings, as it may be: either direction, with and without a load."""
+    return {
+        name: _LOAD * rng.integers(0, 2, count) if name == PAYLOAD else rng.choice([-1.0, 1.0], count)
+        for name in robot.conditions
+    }
 
 
 def _within_reach(model: Model, setup: Setup, x: Array, lower: Array, upper: Array, rng: np.random.Generator) -> Setup:

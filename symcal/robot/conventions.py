@@ -50,7 +50,8 @@ def element(kind: str, axis: int, value: float) -> Array:
 def placements(robot: Robot) -> tuple[Array, ...]:
     """The constant placements A_0 ... A_n between the joints of a robot, base frame to tool; shape (4, 4) each, mm.
 
-    Joint offsets are inside; what is left of a joint is J_i = a motion of ``sign * ratio * reading`` along or about z.
+    Joint offsets are inside, joint terms are not; what is left of a joint is J_i = a motion of
+    ``sign * ratio * reading`` along or about z.
     """
     out, current = [], np.eye(4)
     for link in robot.links:

@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from symcal.joints import Term
+from symcal.joints.arm import Mass, Payload
+from symcal.joints.backlash import Backlash
+from symcal.joints.compliance import Compliance
+from symcal.joints.coupling import Coupling
+from symcal.joints.gravity import Gravity
+from symcal.joints.harmonics import Harmonics
+from symcal.joints.payload import PayloadTerm
+from symcal.joints.ratio import Ratio
 from symcal.robot.robot import LINK_PARAMETERS, Convention, Joint, Link, Record, Robot, is_angle
 
 
@@ -54,6 +64,43 @@ def random_robot(rng: np.random.Generator, convention: Convention | None = None,
         scales={name: float(rng.uniform(0.001, 5)) for name in robot.parameters if rng.random() < 0.3},
         record=random_record(rng, robot) if rng.random() < 0.5 else None,
     )
+
+
+def with_terms(rng: np.random.Generator, robot: Robot, size: float = 1.0) -> Robot:
+    """The robot with some joint terms of every kind, about as large as plausible times ``size``, and with masses, a
+    payload and gravity in any direction."""
+    n, turns = robot.dof, [joint.revolute for joint in robot.joints]
+    terms: list[Term] = []
+    for i in range(1, n + 1):
+        own, pitch = ("x", "y") if turns[i - 1] else ("x",), None if turns[i - 1] else float(rng.uniform(5, 50))
+        gear = float(rng.uniform(5, 100)) if turns[i - 1] and rng.random() < 0.3 else None
+        by = int(rng.integers(1, n + 1))
+        terms += [
+            Ratio(i, turns[i - 1]),
+            Harmonics(i, turns[i - 1], k=(1, 2), gear=gear, pitch=pitch),
+            Backlash(i, turns[i - 1]),
+            Compliance(i, turns[i - 1]),
+            Gravity(i, turns[i - 1], points=(*own, *(f"q{j}" for j in range(i + 1, n + 1) if rng.random() < 0.4))),
+            PayloadTerm(i, turns[i - 1]),
+        ]
+        terms += [Coupling(i, turns[i - 1], by=by, by_revolute=turns[by - 1])] if by != i else []
+    terms = [term for term in terms if rng.random() < 0.7]
+    values = {p.name: float(size * rng.normal() * p.scale) for term in terms for p in term.parameters}
+    down = rng.normal(size=3)
+    down /= np.linalg.norm(down)
+    masses = [Mass(i, float(rng.uniform(0, 20)), triple(rng.uniform(-200, 200, 3))) for i in range(1, n + 2)]
+    return replace(
+        robot,
+        terms=tuple(term.corrected(values) for term in terms),
+        down=triple(down),
+        masses=tuple(masses),
+        payload=Payload(float(rng.uniform(0, 5)), triple(rng.uniform(-100, 100, 3))),
+    )
+
+
+def triple(values: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = map(float, values)
+    return x, y, z
 
 
 def random_record(rng: np.random.Generator, robot: Robot) -> Record:

@@ -28,6 +28,7 @@ def compensate(
     from symcal.compensation.compensate import write_joints
     from symcal.compensation.targets import read_targets
     from symcal.errors import InputError
+    from symcal.export.carries import left_out
     from symcal.robot.robot import load_robot
     from symcal.runs.folder import require_place
 
@@ -47,6 +48,9 @@ def compensate(
             np.random.default_rng(seed or 0),
         )
     write_joints(result, out)
+    left = left_out(robot, "commands")
+    if left is not None:
+        Console(stderr=True, soft_wrap=True).print(left.text, markup=False, highlight=False)
     if not quiet:
         terminal.print_compensation(result)
         terminal.output().print(f"written to {escape(str(out))}")
@@ -57,6 +61,10 @@ def export(
     to: Annotated[str, typer.Option("--to", metavar="c|urdf|json", help="what to write")],
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="folder to write into")] = Path(),
     force: Annotated[bool, typer.Option("--force", help="export in spite of doubts, which are still printed")] = False,
+    approximate: Annotated[
+        bool,
+        typer.Option("--approximate", help="leave out joint terms that the format cannot carry, and say what it costs"),
+    ] = False,
     quiet: Quiet = False,
 ) -> None:
     """Hand a calibrated robot over: C code for the controller, URDF, or JSON with the table of corrections."""
@@ -68,14 +76,16 @@ def export(
 
         raise InputError("no such format", key="--to", found=to, allowed=FORMATS)
     robot = load_robot(calibrated)
-    written, doubts = export_robot(robot, to, out, force=force)
-    notes = [f"doubt overridden: {doubt.text}" for doubt in doubts]
+    found = export_robot(robot, to, out, force=force, approximate=approximate)
+    notes = [f"doubt overridden: {doubt.text}" for doubt in found.doubts]
+    if found.left_out is not None:
+        notes.append(found.left_out.text)
     if robot.record is None:
         notes.append("this robot has no 'calibration': what is written is nominal")
     for note in notes:
         Console(stderr=True, soft_wrap=True).print(note, markup=False, highlight=False)
     if not quiet:
-        for path in written:
+        for path in found.written:
             terminal.output().print(f"written to {escape(str(path))}")
 
 

@@ -23,12 +23,13 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from symcal import spatial
+from symcal.compensation.caps import CAPS as CAPS
+from symcal.compensation.caps import joint_caps as joint_caps
 from symcal.compensation.targets import POSE_JOINTS, Targets, base_chain, base_frames, joint_columns
 from symcal.errors import InputError, RefusedError
 from symcal.kernels.batch import BatchFunction, batch_function
 from symcal.kinematics import chain, function, omegas, stack
 from symcal.model.parameter_set import parameter_set
-from symcal.parameters import zero_name
 from symcal.robot.robot import Robot
 
 SX = ca.SX
@@ -39,12 +40,6 @@ LEVER = 300.0
 """mm at which turning counts as much as moving."""
 DAMPING = 1e-3
 """lambda^2 in mm^2."""
-CAPS = (0.02, 10.0)
-"""The largest correction of a joint: rad, mm. More is an error, not a correction, unless zero offsets are larger."""
-OFFSETS = 3.0
-"""How much larger than the largest zero offset of the arm a correction may be: joints also make up for each other."""
-WIDEST = 5.0
-"""How much wider than its default a cap may become: larger offsets are refused as absurd elsewhere."""
 REACHED = 1e-6
 """mm: residuals below are none."""
 
@@ -106,22 +101,6 @@ def write_joints(result: Compensation, path: Path | str) -> None:
         raise InputError(f"the file cannot be written: {error.strerror or error}", file=path) from None
 
 
-def joint_caps(robot: Robot, caps: tuple[float, float] = CAPS) -> Array:
-    """The largest correction of every reading, shape (dof,), rad or mm.
-
-    ``caps`` (rad, mm) are of the joint, behind its ratio. Where the calibration found zero offsets nearly as large,
-    they are what is to be corrected and no accident: the cap is then OFFSETS times the largest one of the arm,
-    and at most WIDEST times the default.
-    """
-    errors = {} if robot.record is None else robot.record.errors
-    largest = [caps[0], caps[1]]
-    for i, joint in enumerate(robot.joints, start=1):
-        kind = 0 if joint.revolute else 1
-        offset = abs(errors.get(zero_name(not kind, i), 0.0))
-        largest[kind] = max(largest[kind], min(OFFSETS * offset, WIDEST * caps[kind]))
-    return np.array([(largest[0] if j.revolute else largest[1]) / abs(j.ratio) for j in robot.joints])
-
-
 def compensation_step(
     robot: Robot, *, pose: bool = False, adaptive: bool = False, adjustable: bool = False
 ) -> ca.Function:
@@ -134,7 +113,7 @@ def compensation_step(
         pose: whether the target is [R | p], shape (3, 4), or a position, shape (3,); mm.
         adaptive: adds the inputs ``free``, shape (dof,), 1 for joints that may move and 0 for those that may not, and
             ``damping``, lambda^2 in mm^2; without, all are free and lambda^2 is `DAMPING`.
-        adjustable: adds the inputs ``x``, errors of the link parameters on top of the robot's numbers, and ``tool``,
+        adjustable: adds the inputs ``x``, errors of the robot's parameters on top of the robot's numbers, and ``tool``,
             T_flange_tool without its last row, shape (3, 4), in place of the robot's.
     Returns:
         function with q, lower, upper, q_next of shape (dof,), readings; error, shape (3,) or (6,): target minus present

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from symcal.errors import InputError
 from symcal.export.c import export_c
+from symcal.export.carries import LeftOut, check_carries, left_out
 from symcal.export.corrections import corrections
 from symcal.export.gate import Doubt, check_exportable, doubts
 from symcal.export.json import robot_json, save_json
@@ -17,37 +19,52 @@ FORMATS = ("c", "urdf", "json")
 
 __all__ = [
     "FORMATS",
+    "Exported",
+    "check_carries",
     "check_exportable",
     "corrections",
     "doubts",
     "export_c",
     "export_robot",
+    "left_out",
     "robot_json",
     "save_json",
     "save_urdf",
 ]
 
 
-def export_robot(robot: Robot, to: str, folder: Path, *, force: bool = False) -> tuple[Sequence[Path], Sequence[Doubt]]:
-    """Write a robot in one of `FORMATS` into a folder; returns what was written and the doubts that were overridden.
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """What an export wrote, the doubts that were overridden, and what it could not carry of the joint terms."""
+
+    written: Sequence[Path]
+    doubts: Sequence[Doubt]
+    left_out: LeftOut | None = None
+
+
+def export_robot(robot: Robot, to: str, folder: Path, *, force: bool = False, approximate: bool = False) -> Exported:
+    """Write a robot in one of `FORMATS` into a folder.
 
     `c`: the folder `c`; `urdf`: `robot.urdf`; `json`: `robot.json` and the table `corrections.csv`.
 
     Raises:
-        RefusedError: a fit that did not converge or corrections that are implausibly large, unless forced.
+        RefusedError: a fit that did not converge or corrections that are implausibly large, unless forced; joint terms
+            that the format cannot carry, unless they may be left out.
         InputError: the files cannot be written.
     """
     overridden = check_exportable(robot, force)
+    if to == "urdf" and not approximate:
+        check_carries(robot, "urdf")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"the folder cannot be made: {error.strerror}", file=folder) from None
     if to == "c":
-        export_c(robot, folder / "c")
-        return [folder / "c"], overridden
-    if to == "urdf":
-        save_urdf(robot, folder / "robot.urdf")
-        return [folder / "robot.urdf"], overridden
-    save_json(robot, folder / "robot.json")
-    corrections(robot).to_csv(folder / "corrections.csv", index=False)
-    return [folder / "robot.json", folder / "corrections.csv"], overridden
+        written, left = [folder / "c"], export_c(robot, folder / "c").left_out
+    elif to == "urdf":
+        written, left = [folder / "robot.urdf"], save_urdf(robot, folder / "robot.urdf", approximate=approximate)
+    else:
+        save_json(robot, folder / "robot.json")
+        corrections(robot).to_csv(folder / "corrections.csv", index=False)
+        written, left = [folder / "robot.json", folder / "corrections.csv"], left_out(robot, "table")
+    return Exported(written, overridden, left)

@@ -10,8 +10,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from symcal.export.urdf import roll_pitch_yaw
-from symcal.parameters import frame_names, link_name
-from symcal.robot.robot import Joint, Robot, is_angle
+from symcal.joints import Term
+from symcal.parameters import Unit, frame_names, link_name
+from symcal.robot.robot import Joint, Record, Robot, is_angle
+from symcal.units import ANGLE, unit_factor
 
 Array = NDArray[np.float64]
 
@@ -32,12 +34,14 @@ def corrections(robot: Robot) -> pd.DataFrame:
 
     The zero offset of a joint is in units of its reading, error / (sign * ratio): what has to be *added to the reading*
     to get the one that the nominal model needs (a controller that subtracts its offset wants the opposite sign). Other
-    rows are the link parameters of the robot's convention, and the tool frame as x, y, z and roll, pitch, yaw at the
-    flange. Where the instrument saw the base is not a correction of the robot and is left out.
+    rows are the link parameters of the robot's convention, the numbers of joint terms (a controller that has no such
+    terms loses them: `carries.left_out` says what that costs), and the tool frame as x, y, z and roll, pitch, yaw at
+    the flange. Where the instrument saw the base is not a correction of the robot and is left out.
 
     Returns:
-        columns `joint`, `quantity`, `parameter`, `unit`, `nominal`, `correction`, `corrected`, and `sigma`, the
-        standard deviation after the data; it is NaN where the parameter was held, and for the tool's angles.
+        columns `joint`, `quantity`, `parameter`, `unit` (of joint terms also 1, deg/Nmm and so on), `nominal`,
+        `correction`, `corrected`, and `sigma`, the standard deviation after the data; it is NaN where the parameter was
+        held, and for the tool's angles.
     """
     rows: list[dict[str, Any]] = []
     if robot.record is not None:
@@ -47,6 +51,7 @@ def corrections(robot: Robot) -> pd.DataFrame:
                 name = link_name(kind, i)
                 if kind in link.parameters and name in errors:
                     rows.append(_row(link.joint, kind, name, link.parameters[kind], errors[name], sigmas.get(name)))
+        rows += [row for term in robot.terms for row in _term_rows(robot.joints[term.joint - 1], term, robot.record)]
         rows += _tool_rows(robot)
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
@@ -67,6 +72,33 @@ def _row(joint: Joint, kind: str, name: str, value: float, error: float, sigma: 
         "corrected": nominal + error * factor,
         "sigma": math.nan if sigma is None else sigma * abs(factor),
     }
+
+
+def _term_rows(joint: Joint, term: Term, record: Record) -> list[dict[str, Any]]:
+    """Numbers of a joint term as they enter its definition: of the joint, behind sign and ratio."""
+    rows = []
+    for label, p in zip(term.labels, term.parameters, strict=True):
+        if p.name in record.errors:
+            unit, factor = _shown(p.unit)
+            error, sigma = record.errors[p.name], record.sigmas.get(p.name)
+            rows.append(
+                {
+                    "joint": joint.name,
+                    "quantity": label.replace("_", " "),
+                    "parameter": p.name,
+                    "unit": unit,
+                    "nominal": (p.value - error) * factor,
+                    "correction": error * factor,
+                    "corrected": p.value * factor,
+                    "sigma": math.nan if sigma is None else sigma * factor,
+                }
+            )
+    return rows
+
+
+def _shown(unit: Unit) -> tuple[str, float]:
+    """A unit with deg in place of rad, and how many of it are one of the program's."""
+    return unit.replace("rad", "deg"), 1 / unit_factor(unit, 1.0, ANGLE["deg"])
 
 
 def _tool_rows(robot: Robot) -> list[dict[str, Any]]:

@@ -12,12 +12,11 @@ from typing import Literal
 import numpy as np
 
 from symcal.errors import RefusedError
-from symcal.export.json import parameter_unit
-from symcal.parameters import SCALE
+from symcal.parameters import Parameter
 from symcal.robot.robot import Robot
 
 IMPLAUSIBLE = 10.0
-"""Plausible scales beyond which a link parameter's error is taken for a mistake: 10 mm, 0.1 rad by default."""
+"""Plausible scales beyond which an error of a link or joint term is taken for a mistake: 10 mm, 0.1 rad by default."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +31,8 @@ class Doubt:
 def doubts(robot: Robot) -> tuple[Doubt, ...]:
     """What speaks against using a calibration on a controller; empty for a nominal robot.
 
-    Link parameters are judged. The base says where the instrument stood, and nominal tools are often rough guesses:
-    the sizes of their errors do not count.
+    Link parameters and joint terms are judged. The base says where the instrument stood, and nominal tools are often
+    rough guesses: the sizes of their errors do not count.
     """
     record = robot.record
     if record is None:
@@ -41,11 +40,11 @@ def doubts(robot: Robot) -> tuple[Doubt, ...]:
     found: list[Doubt] = []
     if record.provenance.get("trouble"):
         found.append(Doubt("", "unsettled", f"the identification did not converge: {record.provenance['trouble']}"))
-    for name in robot.parameters:
-        error, scale = record.errors.get(name, 0.0), _scale(robot, name)
-        if abs(error) > IMPLAUSIBLE * scale:
-            limit = f"{IMPLAUSIBLE:g} times its plausible {_text(name, scale)}"
-            found.append(Doubt(name, "implausible", f"{name} is off by {_text(name, error)}, more than {limit}"))
+    for p in robot.described:
+        error = record.errors.get(p.name, 0.0)
+        if abs(error) > IMPLAUSIBLE * p.scale:
+            limit = f"{IMPLAUSIBLE:g} times its plausible {_text(p, p.scale)}"
+            found.append(Doubt(p.name, "implausible", f"{p.name} is off by {_text(p, error)}, more than {limit}"))
     return tuple(found)
 
 
@@ -67,9 +66,7 @@ def check_exportable(robot: Robot, force: bool = False) -> tuple[Doubt, ...]:
     return found
 
 
-def _scale(robot: Robot, name: str) -> float:
-    return robot.scales.get(name, SCALE[parameter_unit(name)])
-
-
-def _text(name: str, value: float) -> str:
-    return f"{np.degrees(value):.3g} deg" if parameter_unit(name) == "rad" else f"{value:.3g} mm"
+def _text(p: Parameter, value: float) -> str:
+    if p.unit == "rad":
+        return f"{np.degrees(value):.3g} deg"
+    return f"{value:.3g}" if p.unit == "1" else f"{value:.3g} {p.unit}"

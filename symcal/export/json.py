@@ -10,15 +10,30 @@ from typing import Any
 import pandas as pd
 
 from symcal.errors import InputError
+from symcal.export.carries import left_out
 from symcal.export.corrections import corrections
-from symcal.robot.robot import Joint, Robot, frame_entry, is_angle
+from symcal.joints import Term
+from symcal.joints.payload import PAYLOAD
+from symcal.robot.robot import Joint, Robot, frame_entry
 
-SCHEMA = "symcal/robot-json/1"
+SCHEMA = "symcal/robot-json/2"
+"""With joint terms: who knows only version 1 would lose them without a word."""
 
 TRANSFORM = {
     "standard": "T_i = Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta)",
     "craig": "T_i = Rx(alpha) Tx(a) Ry(beta) Rz(theta) Tz(d)",
 }
+
+COORDINATE = (
+    "u_i = sign_i ratio_i q_i + offset_i + delta_i adds to theta_i (revolute) or d_i (prismatic); q_i is the reading, "
+    "delta_i the sum of the terms of joint i, each a sum over its numbers as its definition says"
+)
+_FRAMES = (
+    "In the base frame, with delta 0 in all joints: the frame of joint i is T_1 ... T_(i-1) and of T_i the motions up "
+    "to and with theta and d, that of the flange T_1 ... T_n; o_i is its origin, z_i its third axis. "
+    "m_i = sign_i ratio_i q_i. L_i(p) = z_i . ((p - o_i) x down) of a revolute joint, z_i . down of a prismatic one"
+)
+_CONDITIONS = {PAYLOAD: "kg that the tool carries beyond payload.kg"}
 
 
 def robot_json(robot: Robot) -> dict[str, Any]:
@@ -27,19 +42,23 @@ def robot_json(robot: Robot) -> dict[str, Any]:
     `links` hold the identified numbers. `parameters` say of each number (with base, tool and tool points, if they were
     identified) its nominal value, error, identified value and sigma, null where the data do not determine it;
     `covariance` is of the errors in the order of its `parameters`. `corrections` is the table for the controller, in
-    deg and mm.
+    deg and mm. `terms` are the joint terms with their definitions in words and their numbers as they are now;
+    `gravity`, `masses`, `payload` and `conditions` are what they ask for.
     """
     record = robot.record
     frames = {"base": frame_entry(robot.base), "tool": frame_entry(robot.tool)}
     if record is not None:
         frames |= {"nominal_base": frame_entry(record.nominal_base), "nominal_tool": frame_entry(record.nominal_tool)}
+    left = left_out(robot, "table")
     return {
         "schema": SCHEMA,
         "name": robot.name,
         "convention": robot.convention,
-        "transform": f"{TRANSFORM[robot.convention]}; q_model = sign * ratio * reading + offset adds to theta or d",
+        "transform": f"{TRANSFORM[robot.convention]}; {COORDINATE}",
         "units": {"length": "mm", "angle": "rad", "corrections": "mm and deg"},
         "joints": [_joint(joint) for joint in robot.joints],
+        "terms": [_term(robot, term) for term in robot.terms],
+        **_physics(robot),
         "links": [{kind: float(value) for kind, value in link.parameters.items()} for link in robot.links],
         "frames": frames,
         "parameters": _parameters(robot),
@@ -47,6 +66,7 @@ def robot_json(robot: Robot) -> dict[str, Any]:
         if record is None
         else {"parameters": list(record.errors), "matrix": record.covariance.tolist()},
         "corrections": _records(corrections(robot)),
+        "corrections_leave_out": None if left is None else left.text,
         "provenance": {} if record is None else dict(record.provenance),
     }
 
@@ -77,11 +97,47 @@ def _joint(joint: Joint) -> dict[str, Any]:
     }
 
 
+def _term(robot: Robot, term: Term) -> dict[str, Any]:
+    names = [joint.name for joint in robot.joints]
+    own = {key: list(value) if isinstance(value, tuple) else value for key, value in term.entry().items()}
+    return {
+        "kind": term.kind,
+        "joint": names[term.joint - 1],
+        "i": term.joint,
+        "delta_i": term.definition,
+        **own,
+        "numbers": {
+            label: {"value": p.value, "unit": p.unit, "parameter": p.name}
+            for label, p in zip(term.labels, term.parameters, strict=True)
+        },
+    }
+
+
+def _physics(robot: Robot) -> dict[str, Any]:
+    """What joint terms ask for beside readings."""
+    conditions = {
+        name: _CONDITIONS.get(name, "-1 or 1: the direction in which the joint came to its reading; 0: not known")
+        for name in robot.conditions
+    }
+    return {
+        "joint_frames": _FRAMES,
+        "gravity": {"down": list(robot.down), "frame": "base"},
+        "masses": [{"i": m.on, "of": _carrier(robot, m.on), "kg": m.kg, "at": list(m.at)} for m in robot.masses],
+        "payload": {"of": "flange", "kg": robot.payload.kg, "at": list(robot.payload.at)},
+        "conditions": {name: {"meaning": words, "nominal": 0.0} for name, words in conditions.items()},
+    }
+
+
+def _carrier(robot: Robot, on: int) -> str:
+    """In whose frame a mass stands."""
+    return "flange" if on > robot.dof else robot.joints[on - 1].name
+
+
 def _parameters(robot: Robot) -> dict[str, dict[str, Any]]:
     record = robot.record
     errors = {} if record is None else record.errors
     sigmas = {} if record is None else record.sigmas
-    links = robot.parameters
+    links, units = robot.parameters, {p.name: p.unit for p in robot.described}
     out: dict[str, dict[str, Any]] = {}
     for name in (*links, *(name for name in errors if name not in links)):
         error = float(errors.get(name, 0.0))
@@ -92,15 +148,15 @@ def _parameters(robot: Robot) -> dict[str, dict[str, Any]]:
             "error": error,
             "identified": identified,
             "sigma": None if sigma is None else float(sigma),
-            "unit": parameter_unit(name),
+            "unit": units.get(name) or _unit(name),
         }
     return out
 
 
-def parameter_unit(name: str) -> str:
-    """`rad` or `mm`, of a link parameter (`alpha_2`), a frame's increment (`tool_rx`) or a tool point's coordinate."""
+def _unit(name: str) -> str:
+    """`rad` or `mm`, of a frame's increment (`tool_rx`) or a tool point's coordinate."""
     kind, _, last = name.rpartition("_")
-    return "rad" if is_angle(kind) or (kind in ("base", "tool") and last in ("rx", "ry", "rz")) else "mm"
+    return "rad" if kind in ("base", "tool") and last in ("rx", "ry", "rz") else "mm"
 
 
 def _records(table: pd.DataFrame) -> list[dict[str, Any]]:

@@ -11,6 +11,7 @@ import numpy as np
 from symcal.calibration.compensation_check import Handover
 from symcal.calibration.evaluate import Errors
 from symcal.calibration.results import accuracy_facts
+from symcal.export.carries import left_out
 from symcal.export.corrections import corrections
 from symcal.export.delivery import Delivery, example
 from symcal.export.gate import doubts
@@ -20,11 +21,13 @@ from symcal.robot.robot import Robot
 def correction_facts(robot: Robot) -> dict[str, Any]:
     """The corrections in a controller's units and signs, and what speaks against using them.
 
-    A number that is not known is None.
+    A number that is not known is None. `left_out` is there where offsets and lengths alone lose joint terms.
     """
     rows = corrections(robot).to_dict(orient="records")
     plain = [{str(k): None if isinstance(v, float) and math.isnan(v) else v for k, v in row.items()} for row in rows]
-    return {"corrections": plain, "doubts": [doubt.text for doubt in doubts(robot)]}
+    left = left_out(robot, "table")
+    facts = {"corrections": plain, "doubts": [doubt.text for doubt in doubts(robot)]}
+    return facts if left is None else facts | {"left_out": left.text}
 
 
 def handover_facts(handover: Handover) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import xml.etree.ElementTree as ET  # written here, never parsed
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import InputError, RefusedError
+from symcal.export.carries import LeftOut, check_carries
 from symcal.robot.conventions import placements
 from symcal.robot.robot import Joint, Robot
 
@@ -19,29 +21,40 @@ _M = 1e-3  # metres per mm
 _UNKNOWN = "1000000.0"  # URDF wants an effort and a velocity; a robot file may not know them
 
 
-def save_urdf(robot: Robot, path: Path | str, *, world: bool = False) -> None:
+def save_urdf(robot: Robot, path: Path | str, *, world: bool = False, approximate: bool = False) -> LeftOut | None:
     """Write a robot with its present (calibrated) numbers as URDF; see `urdf_text`.
 
+    Returns:
+        what was left out of its joint terms, None where nothing was.
     Raises:
         RefusedError: as `urdf_text`. InputError: the file cannot be written.
     """
-    text = urdf_text(robot, world=world)
+    left = check_carries(robot, "urdf", approximate)
+    text = _text_of(robot if left is None else left.robot, left, world)
     try:
         Path(path).write_text(text, encoding="utf-8")
     except OSError as error:
         raise InputError(f"the file cannot be written: {error.strerror}", file=path) from None
+    return left
 
 
-def urdf_text(robot: Robot, *, world: bool = False) -> str:
+def urdf_text(robot: Robot, *, world: bool = False, approximate: bool = False) -> str:
     """URDF of a robot: `base_link`, one link per joint, `tool`; joint positions are the robot's readings (mm as m).
 
     Signs become the direction of the axis, joint offsets part of the origin. With ``world`` the file starts at the
-    instrument's frame, `world`.
+    instrument's frame, `world`. Masses are not written.
 
+    Args:
+        approximate: whether a robot with joint terms is written without them, and the file says what that costs.
     Raises:
-        RefusedError: a joint has a ratio other than 1 (a URDF position is the joint's own coordinate: it has no
-            gear), or is prismatic without limits (URDF demands them).
+        RefusedError: it has joint terms that act and ``approximate`` is False; a joint has a ratio other than 1 (a URDF
+            position is the joint's own coordinate: it has no gear), or is prismatic without limits (URDF demands them).
     """
+    left = check_carries(robot, "urdf", approximate)
+    return _text_of(robot if left is None else left.robot, left, world)
+
+
+def _text_of(robot: Robot, left: LeftOut | None, world: bool) -> str:
     for name in (robot.name, *(joint.name for joint in robot.joints)):
         if not name.isprintable():
             raise RefusedError(f"the name {name!r} holds characters that XML cannot: give it another in the robot file")
@@ -60,6 +73,8 @@ def urdf_text(robot: Robot, *, world: bool = False) -> str:
     root.append(
         ET.Comment(f" {calibrated} kinematics written by symcal; an effort or velocity of {_UNKNOWN} means: not known ")
     )
+    if left is not None:
+        root.append(ET.Comment(f" {re.sub('-(?=-)', '- ', left.text)} "))  # a comment cannot hold two hyphens in a row
     constant = placements(robot)
     joints = {joint.name for joint in robot.joints}
     links = ["base_link", *(_free(f"{joint.name}_link", {"base_link"}) for joint in robot.joints), "tool"]

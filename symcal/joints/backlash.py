@@ -27,6 +27,9 @@ class Backlash(Term):
     """Half the width of the play, rad or mm."""
 
     kind: ClassVar[str] = "backlash"
+    definition: ClassVar[str] = (
+        "-backlash * direction_i; the direction in which joint i came to its reading, -1 or 1, 0 where it is not known"
+    )
 
     @property
     def numbers(self) -> tuple[Number, ...]:

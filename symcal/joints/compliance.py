@@ -23,6 +23,10 @@ class Compliance(Term):
     """What a joint yields per unit of its gravity moment: rad/(N mm), of a prismatic one per unit of force: mm/N."""
 
     kind: ClassVar[str] = "compliance"
+    definition: ClassVar[str] = (
+        "compliance * sum of g * kg * L_i(p) over the masses on joint i and later ones, and over the payload; g is "
+        "9.80665 N/kg, kg of the payload with what the pose carries beyond nominal"
+    )
 
     @property
     def numbers(self) -> tuple[Number, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -19,6 +20,7 @@ class Coupling(Term):
     """by: the joint that drives along, from one; by_revolute: whether that one turns."""
 
     kind: ClassVar[str] = "coupling"
+    definition: ClassVar[str] = "by_q<j> * m_j, with the joint j that drives joint i along"
     keys: ClassVar[tuple[str, ...]] = ("by",)
 
     by: int = 1
@@ -32,6 +34,9 @@ class Coupling(Term):
     @property
     def said(self) -> str:
         return f"the reading of joint {self.by}"
+
+    def words(self, joints: Sequence[str]) -> str:
+        return f"coupling of {joints[self.joint - 1]} with {joints[self.by - 1]}"
 
     def basis(self, arm: Arm) -> dict[str, ca.SX]:
         return {self.labels[0]: arm.moved[self.by - 1]}

@@ -8,6 +8,7 @@ weight k on a horizontal arm of 300 mm. The basis is ours; its shape is that of 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -16,7 +17,7 @@ import casadi as ca
 from symcal.joints.arm import Arm
 from symcal.joints.term import Number, Term
 from symcal.parameters import Unit
-from symcal.words import in_short
+from symcal.words import in_short, listed
 
 LEVER = 300.0
 """mm: the arm that a deflection by gravity is stated for."""
@@ -40,6 +41,11 @@ class Gravity(Term):
     """points: where the weights are: `x`, `y`, `q<joint>`, `flange`."""
 
     kind: ClassVar[str] = "gravity"
+    definition: ClassVar[str] = (
+        "sum over points of gravity_<point> * L_i(p) / 300 mm, of a prismatic joint of gravity_<point> * L_i; points x "
+        "and y are at 300 mm on these axes of the frame of joint i, q<j> is the origin of the frame of joint j, flange "
+        "that of the flange"
+    )
     keys: ClassVar[tuple[str, ...]] = ("points",)
 
     points: tuple[str, ...] = ("x", "y")
@@ -56,6 +62,9 @@ class Gravity(Term):
     @property
     def said(self) -> str:
         return f"the gravity moment of weights at {in_short(self.points)}" if self.revolute else "gravity along it"
+
+    def words(self, joints: Sequence[str]) -> str:
+        return f"gravity of {joints[self.joint - 1]} with weights at {listed(self.points)}"
 
     def basis(self, arm: Arm) -> dict[str, ca.SX]:
         return {label: self._lever(arm, point) for label, point in zip(self.labels, self.points, strict=True)}

@@ -7,6 +7,7 @@ Source: eccentric encoders and gears give k = 1, their ovality and strain wave g
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -15,7 +16,7 @@ import casadi as ca
 from symcal.joints.arm import Arm
 from symcal.joints.term import Number, Term
 from symcal.parameters import Unit
-from symcal.words import in_short
+from symcal.words import in_short, listed
 
 SX = ca.SX
 
@@ -32,6 +33,10 @@ class Harmonics(Term):
     """
 
     kind: ClassVar[str] = "harmonics"
+    definition: ClassVar[str] = (
+        "sum over k of sin_k * sin(k w) + cos_k * cos(k w); w is q_i of a revolute joint, gear * q_i where gear is "
+        "given (the numbers are then motor_sin_k and motor_cos_k), 2 pi q_i / pitch of a prismatic joint"
+    )
     keys: ClassVar[tuple[str, ...]] = ("k", "gear", "pitch")
 
     k: tuple[int, ...] = (1,)
@@ -51,6 +56,10 @@ class Harmonics(Term):
         of = "of its reading" if self.gear is None else f"of its motor, {self.gear:g} turns per turn"
         of = of if self.pitch is None else f"of its screw, {self.pitch:g} mm per turn"
         return f"waves {in_short([str(k) for k in self.k])} {of}"
+
+    def words(self, joints: Sequence[str]) -> str:
+        of = "" if self.gear is None else "motor "
+        return f"{of}harmonics {listed([str(k) for k in self.k])} of {joints[self.joint - 1]}"
 
     def basis(self, arm: Arm) -> dict[str, SX]:
         turn = arm.q[self.joint - 1] * (self.gear or 1.0)

@@ -5,6 +5,7 @@ kg is what a pose carries beyond the robot file's payload; the lever that of the
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -25,6 +26,10 @@ class PayloadTerm(Term):
     """Deflection by 1 kg on a horizontal arm of 300 mm, rad; of a prismatic joint by 1 kg along it, mm."""
 
     kind: ClassVar[str] = "payload"
+    definition: ClassVar[str] = (
+        "payload * kg * L_i(p) / 300 mm, of a prismatic joint payload * kg * L_i; kg is what the pose carries beyond "
+        "the nominal payload, p the centre of the payload"
+    )
 
     @property
     def numbers(self) -> tuple[Number, ...]:
@@ -41,6 +46,9 @@ class PayloadTerm(Term):
     @property
     def said(self) -> str:
         return f"the {'gravity moment' if self.revolute else 'weight'} of what a pose carries beyond nominal"
+
+    def words(self, joints: Sequence[str]) -> str:
+        return f"yielding of {joints[self.joint - 1]} to payloads"
 
     def basis(self, arm: Arm) -> dict[str, ca.SX]:
         lever = arm.lever(self.joint, arm.place(len(arm.frames), arm.payload.at))

@@ -16,6 +16,7 @@ class Ratio(Term):
     """The relative error of how far a joint moves per reading."""
 
     kind: ClassVar[str] = "ratio"
+    definition: ClassVar[str] = "ratio * m_i"
 
     @property
     def numbers(self) -> tuple[Number, ...]:

@@ -9,7 +9,7 @@ basis is its derivative. A basis may depend on all readings and, through gravity
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -54,6 +54,9 @@ class Term(ABC):
     """
 
     kind: ClassVar[str]
+    definition: ClassVar[str]
+    """delta_i in words for who computes it elsewhere, by labels of numbers; of joint i with reading q_i, m_i =
+    sign_i ratio_i q_i, L_i(p) the lever of a unit weight at a point p, see `Arm.lever`."""
     keys: ClassVar[tuple[str, ...]] = ()
     """Fields of its own, beside ``values``, that a robot file says."""
 
@@ -102,6 +105,15 @@ class Term(ABC):
     def name(self, label: str) -> str:
         """What a number is called as a parameter."""
         return f"q{self.joint}_{label}"
+
+    @property
+    def acts(self) -> bool:
+        """Whether any of its numbers differs from zero."""
+        return any(p.value != 0 for p in self.parameters)
+
+    def words(self, joints: Sequence[str]) -> str:
+        """What it is called among people, such as `ratio of elbow`, by the joints' names."""
+        return f"{self.kind} of {joints[self.joint - 1]}"
 
     def corrected(self, errors: Mapping[str, float]) -> Self:
         """With errors added to its numbers, by parameter name."""

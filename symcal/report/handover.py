@@ -12,6 +12,7 @@ from symcal.words import fixed, listed, number, plural, symbol
 Content = Mapping[str, Any]
 
 _MOST = 6  # decimals
+_MOST_OF_RATIOS = 12  # of joint terms: a compliance is some 1e-6 deg/Nmm
 _TOOL = "tool frame"
 _NO_NEWS = 1e-4  # standard deviations: a smaller correction is none
 _NOTHING = 1e-9  # mm or deg: rounding of a number that was not identified
@@ -60,7 +61,11 @@ def handover_text(content: Content) -> dict[str, Any] | None:
         return None
     controller = content["controller"]
     return {
-        "corrections": _corrections(controller["corrections"], content.get("identification", {}).get("parameters", {})),
+        "corrections": _corrections(
+            controller["corrections"],
+            content.get("identification", {}).get("parameters", {}),
+            controller.get("left_out", ""),
+        ),
         "gate": _gate(controller["doubts"]),
         "compensation": _compensation(content["compensation"], _apart(content))
         if content.get("compensation")
@@ -72,15 +77,17 @@ def handover_text(content: Content) -> dict[str, Any] | None:
 # --------------------------------------------------------------------------------------------------------- corrections
 
 
-def _corrections(entries: Sequence[Content], parameters: Mapping[str, Content]) -> dict[str, Any]:
+def _corrections(entries: Sequence[Content], parameters: Mapping[str, Content], left_out: str) -> dict[str, Any]:
     """Rows of what goes to a controller; grey where it is mostly assumed.
 
     Args:
-        parameters: of the identification, by name; empty where only a robot is known.
+        parameters: of the identification, by name; empty where only a robot is known. left_out: what offsets and
+            lengths lose of joint terms; empty where there are none.
     """
     everything = len(entries)
     entries = [e for e in entries if abs(e["correction"]) > max(_NOTHING, _NO_NEWS * (e["sigma"] or 0.0))]
-    places = {unit: _decimals([e for e in entries if e["unit"] == unit]) for unit in ("mm", "deg")}
+    units = dict.fromkeys(entry["unit"] for entry in entries)
+    places = {unit: _decimals([e for e in entries if e["unit"] == unit], unit) for unit in units}
     rows = []
     for entry in entries:
         digits = places[entry["unit"]]
@@ -108,15 +115,18 @@ def _corrections(entries: Sequence[Content], parameters: Mapping[str, Content]) 
         )
     if any(e["sigma"] is None and e["parameter"] == _TOOL for e in entries):
         note += " No standard deviation is given for the tool's angles."
+    if left_out:
+        note += f" {left_out}. Rows of joint terms are for controllers that have such terms."
     if len(rows) < everything:
         note += " Parameters that keep their nominal value are left out."
     return {"rows": rows, "note": note}
 
 
-def _decimals(entries: Sequence[Content]) -> int:
+def _decimals(entries: Sequence[Content], unit: str) -> int:
     """So many that the smallest standard deviation has two digits, within reason."""
     known = [entry["sigma"] for entry in entries if entry["sigma"]]
-    return 4 if not known else min(max(1 - math.floor(math.log10(min(known))), 2), _MOST)
+    most = _MOST if unit in ("mm", "deg") else _MOST_OF_RATIOS
+    return 4 if not known else min(max(1 - math.floor(math.log10(min(known))), 2), most)
 
 
 def _sigma(value: float, places: int) -> str:

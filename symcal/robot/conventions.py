@@ -23,8 +23,13 @@ from numpy.typing import NDArray
 
 from symcal import spatial
 from symcal.errors import RefusedError
+from symcal.joints.arm import Payload
+from symcal.joints.gravity import FLANGE, Gravity
+from symcal.joints.payload import PAYLOAD
 from symcal.parameters import link_name
 from symcal.robot.robot import ELEMENTS, Convention, Joint, Link, Robot, is_angle
+from symcal.robot.terms import Physics
+from symcal.words import listed
 
 Array = NDArray[np.float64]
 
@@ -50,7 +55,8 @@ def element(kind: str, axis: int, value: float) -> Array:
 def placements(robot: Robot) -> tuple[Array, ...]:
     """The constant placements A_0 ... A_n between the joints of a robot, base frame to tool; shape (4, 4) each, mm.
 
-    Joint offsets are inside; what is left of a joint is J_i = a motion of ``sign * ratio * reading`` along or about z.
+    Joint offsets are inside, joint terms are not; what is left of a joint is J_i = a motion of
+    ``sign * ratio * reading`` along or about z.
     """
     out, current = [], np.eye(4)
     for link in robot.links:
@@ -63,6 +69,21 @@ def placements(robot: Robot) -> tuple[Array, ...]:
                 out.append(current)
                 current = np.eye(4)
     return (*out, current @ robot.tool)
+
+
+def joint_frames(robot: Robot) -> tuple[Array, ...]:
+    """T_world_i of the frames behind the joints' own motions, all readings zero and without joint terms; (4, 4), mm."""
+    out, current = [], robot.base
+    for link in robot.links:
+        moved = "theta" if link.joint.revolute else "d"
+        at = current
+        for kind, axis in ELEMENTS[robot.convention]:
+            value = link.parameters.get(kind, 0.0) + (link.joint.offset if kind == moved else 0.0)
+            current = current @ element(kind, axis, value)
+            if axis == 2:
+                at = current
+        out.append(at)
+    return tuple(out)
 
 
 def craig_robot(name: str, joints: Sequence[Joint], placements: Sequence[Array]) -> Robot:
@@ -162,8 +183,13 @@ def convert(robot: Robot, convention: Convention) -> Robot:
     go to joins the nominal tool (last row, standard to craig) or base (first row, craig to standard), where it is no
     longer a parameter of its own.
 
+    Joint terms live in the frames behind the joints' own motions, which are the same in both. With a row the flange
+    moves along the tool, and the base frame turns: masses on the flange, the payload and the direction of gravity keep
+    their places.
+
     Raises:
-        RefusedError: such a row was identified: the calibration record cannot say its error and variance as a frame's.
+        RefusedError: such a row was identified: the calibration record cannot say its error and variance as a frame's;
+            or a joint's gravity has a weight at the flange, and the row moves the flange.
     """
     if convention == robot.convention:
         return robot
@@ -181,6 +207,7 @@ def convert(robot: Robot, convention: Convention) -> Robot:
                 renamed[link_name(kind, i)] = link_name(kind, i + place[kind])
     links = tuple(replace(link, parameters=row) for link, row in zip(robot.links, rows, strict=True))
     moved = _proximal(frame)
+    physics = _carried_over(robot, convention, moved)
     base, tool = (robot.base, moved @ robot.tool) if convention == "craig" else (robot.base @ moved, robot.tool)
     record = robot.record
     if record is not None:
@@ -201,5 +228,47 @@ def convert(robot: Robot, convention: Convention) -> Robot:
             nominal_base=record.nominal_base @ (np.eye(4) if convention == "craig" else moved),
             nominal_tool=(moved if convention == "craig" else np.eye(4)) @ record.nominal_tool,
         )
-    scales = {renamed[name]: value for name, value in robot.scales.items() if name in renamed}
-    return replace(robot, convention=convention, links=links, base=base, tool=tool, scales=scales, record=record)
+    kept = {name: name for name in robot.term_parameters} | renamed
+    scales = {kept[name]: value for name, value in robot.scales.items() if name in kept}
+    return replace(
+        robot,
+        convention=convention,
+        links=links,
+        base=base,
+        tool=tool,
+        scales=scales,
+        record=record,
+        down=physics.down,
+        masses=physics.masses,
+        payload=physics.payload,
+    )
+
+
+def _carried_over(robot: Robot, convention: Convention, moved: Array) -> Physics:
+    """Gravity and what it pulls at, where the frames that they are said in move by a row of the table."""
+    if convention == "standard":  # the base frame takes the row
+        turned = not (moved[:3, :3] == np.eye(3)).all()
+        down = _triple(moved[:3, :3].T @ np.array(robot.down)) if turned else robot.down
+        return Physics(robot.terms, down, robot.masses, robot.payload)
+    at_flange = [term for term in robot.terms if isinstance(term, Gravity) and FLANGE in term.points]
+    if at_flange and moved[:3, 3].any():
+        names = [joint.name for joint in robot.joints]
+        raise RefusedError(
+            f"{robot.name} cannot be written in the craig convention: {listed([t.words(names) for t in at_flange])} "
+            f"would have to be said of a point that is no frame's origin, since the flange moves by {moved[0, 3]:g} mm "
+            f"to the axis of {names[-1]}; use weights at other points, or state masses and a compliance"
+        )
+
+    def carried(at: tuple[float, float, float]) -> tuple[float, float, float]:
+        return _triple(moved[:3, :3] @ np.array(at) + moved[:3, 3])
+
+    flange = robot.dof + 1
+    masses = tuple(replace(m, at=carried(m.at)) if m.on == flange else m for m in robot.masses)
+    empty = robot.payload == Payload() and PAYLOAD not in robot.conditions
+    payload = robot.payload if empty else replace(robot.payload, at=carried(robot.payload.at))
+    return Physics(robot.terms, robot.down, masses, payload)
+
+
+def _triple(values: Array) -> tuple[float, float, float]:
+    x, y, z = (float(value) + 0.0 for value in values)
+    return x, y, z

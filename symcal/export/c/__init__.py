@@ -17,6 +17,7 @@ from symcal.export.c.names import identifier
 from symcal.export.c.project import cost, project_files
 from symcal.export.c.source import CModel, header, model_hash, source
 from symcal.export.c.vectors import self_test_vectors
+from symcal.export.carries import LeftOut, left_out
 from symcal.robot.robot import Robot
 
 MANIFEST = "symcal_export.json"
@@ -31,6 +32,7 @@ class CExport:
 
     prefix: of every name in C; the header is `<prefix>_kinematics.h`. files: paths inside the folder and their sizes
         in bytes.
+    left_out: what of the robot's joint terms is not in the code; None: nothing.
     operations: of one call by public function, in total; libm: how many of them call the mathematical library.
     """
 
@@ -40,6 +42,7 @@ class CExport:
     files: Mapping[str, int]
     operations: Mapping[str, int]
     libm: Mapping[str, int]
+    left_out: LeftOut | None = None
 
 
 def export_c(
@@ -48,7 +51,8 @@ def export_c(
     """Write a robot's kinematics as C99, ready to be dropped into a firmware.
 
     Poses are in the base frame, mm and rad. The folder appears whole or not at all; an earlier export in its place is
-    replaced. The same robot gives the same text.
+    replaced. The same robot gives the same text. Joint terms are inside, at nominal conditions (see
+    `symcal.export.carries`).
 
     Args:
         robot: calibrated (or nominal: then both models are the same).
@@ -69,7 +73,7 @@ def export_c(
         iterations = 3 if (joint_caps(robot) <= joint_caps(robot.nominal())).all() else 6
     if iterations < 1 or vectors < 1:
         raise InputError("there must be at least one iteration and one test vector", found=(iterations, vectors))
-    model = CModel(robot, prefix or identifier(robot.name, "robot"), iterations, programs(robot))
+    model = CModel(robot, prefix or identifier(robot.name, "robot"), iterations, programs(robot), left_out(robot, "c"))
     texts = {
         f"{model.prefix}_kinematics.h": header(model),
         f"{model.prefix}_kinematics.c": source(model),
@@ -83,6 +87,7 @@ def export_c(
         "robot": robot.name,
         "calibrated": robot.record is not None,
         "parameters": list(model.parameters),
+        "left_out": None if model.left_out is None else model.left_out.text,
         "files": {path: hashlib.sha256(text.encode()).hexdigest() for path, text in texts.items()},
     }
     texts[MANIFEST] = json.dumps(manifest, indent=2, ensure_ascii=False) + "\n"
@@ -100,6 +105,7 @@ def export_c(
         files={path: len(text.encode()) for path, text in texts.items()},
         operations={name: total for name, (total, _) in costs.items()},
         libm={name: calls for name, (_, calls) in costs.items()},
+        left_out=model.left_out,
     )
 
 

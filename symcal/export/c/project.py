@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections import Counter
 from importlib.metadata import version
 
@@ -11,12 +12,13 @@ from numpy.typing import NDArray
 
 from symcal.compensation.compensate import LEVER, joint_caps
 from symcal.export.c.names import identifiers, printable
-from symcal.export.c.source import FLOAT_REACHED, CModel, fill, model_hash, table
+from symcal.export.c.source import FLOAT_REACHED, CModel, fill, model_hash, table, term_sentences
 from symcal.export.c.vectors import Vectors
 from symcal.kernels.instructions import Operation, Program
 
 Array = NDArray[np.float64]
 
+_WIDTH = 120  # of a line of text
 _LIBM = {"sin", "cos", "sqrt", "atan2"}
 
 
@@ -137,6 +139,8 @@ def _readme(model: CModel, vectors: Vectors) -> dict[str, object]:
         "orientation": orientation,
         "reached_float": f"{FLOAT_REACHED * max(robot.reach, 1.0):.2g}",
         "joint_rows": "\n".join(rows),
+        "terms": "".join(f"\n\n{textwrap.fill(sentence, _WIDTH)}" for sentence in term_sentences(model)),
+        "of_terms": ", and numbers of joint terms," if robot.terms else "",
         "count": len(vectors.q),
     }
 

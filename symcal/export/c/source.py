@@ -6,6 +6,7 @@ import hashlib
 import json
 import math
 import re
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
@@ -16,9 +17,11 @@ from numpy.typing import NDArray
 from symcal.compensation.compensate import LEVER, REACHED, joint_caps
 from symcal.export.c.expressions import portable
 from symcal.export.c.names import identifiers, printable
+from symcal.export.carries import LeftOut
 from symcal.kernels.instructions import Program, c_constant, c_statements, scalar_definitions
 from symcal.model.parameter_set import parameter_set
 from symcal.robot.robot import Robot
+from symcal.words import listed
 
 Array = NDArray[np.float64]
 
@@ -26,17 +29,20 @@ FLOAT_REACHED = 1e-6
 """Residual that counts as none in single precision, as a share of the reach: some ten times its rounding."""
 
 _UNLIMITED = 3e38  # in place of a limit that is not there
+_WIDTH = 116  # of a line of a comment
+_WHOLE = 100_000  # characters: nothing of a sentence is cut
 _SIGNATURE = 72  # arguments that are longer go to lines of their own
 
 
 @dataclass(frozen=True, slots=True)
 class CModel:
-    """What the texts need to know of a robot."""
+    """What the texts need to know of a robot. left_out: what of its joint terms is not in the code."""
 
     robot: Robot
     prefix: str
     iterations: int
     programs: Mapping[str, Program]
+    left_out: LeftOut | None = None
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -80,16 +86,21 @@ def fill(template: str, values: Mapping[str, object]) -> str:
 
 
 def model_hash(robot: Robot) -> str:
-    """SHA-256 of what determines the exported numbers: convention, joints, link parameters, tool, before and after."""
+    """SHA-256 of what determines the exported numbers: convention, joints and their terms, parameters, tool, before and
+    after."""
 
     def numbers(one: Robot) -> dict[str, object]:
-        joints = [[j.kind, j.lower, j.upper, j.sign, j.ratio, j.offset] for j in one.joints]
-        return {
+        joints: list[object] = [[j.kind, j.lower, j.upper, j.sign, j.ratio, j.offset] for j in one.joints]
+        found: dict[str, object] = {
             "convention": one.convention,
             "joints": joints,
             "parameters": one.parameters,
             "tool": one.tool[:3].tolist(),
         }
+        if one.terms:
+            found["terms"] = [[term.kind, term.joint, term.entry()] for term in one.terms]
+            found["gravity"] = [one.down, [[m.on, m.kg, m.at] for m in one.masses], [one.payload.kg, one.payload.at]]
+        return found
 
     text = json.dumps([numbers(robot), numbers(robot.nominal())], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
@@ -111,7 +122,9 @@ def header(model: CModel) -> str:
             f"  {model.prefix.upper()}_JOINT_{name.upper()} = {i}"
             for i, name in enumerate(identifiers((j.name for j in model.robot.joints), "joint"))
         ),
+        "of_terms": " and of the numbers of joint terms" if model.robot.terms else "",
         "parameter_list": _parameter_lines(model.parameters),
+        "terms": "".join(f"\n * {line}" for line in _wrapped(term_sentences(model))),
         "only": "" if model.oriented else " only,\n * whatever its orientation",
     }
     real = f"{model.prefix}_real"
@@ -177,6 +190,21 @@ def _common(model: CModel) -> dict[str, object]:
         "parameters": len(model.parameters),
         "space": max(len(model.parameters), 1),  # C has no empty arrays
     }
+
+
+def term_sentences(model: CModel) -> tuple[str, ...]:
+    """What is said of joint terms: those that are built in, and what of them stays at nominal."""
+    if not model.robot.terms:
+        return ()
+    names = [joint.name for joint in model.robot.joints]
+    terms = listed([term.words(names) for term in model.robot.terms])
+    said = [f"Joint terms are built in, as the robot file defines them: {terms}."]
+    said += [] if model.left_out is None else [f"{model.left_out.text}."]
+    return tuple(printable(sentence, _WHOLE) for sentence in said)
+
+
+def _wrapped(sentences: Iterable[str]) -> list[str]:
+    return [line for sentence in sentences for line in textwrap.wrap(sentence, _WIDTH)]
 
 
 def _joint_line(robot: Robot, i: int) -> str:

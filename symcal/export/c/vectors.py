@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from symcal.compensation.compensate import LEVER, joint_caps
-from symcal.robot.robot import Joint, Link, Robot
+from symcal.export.c.terms import Posture, added
+from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
@@ -71,45 +72,55 @@ def readings(robot: Robot, count: int) -> Array:
 
 def pose(robot: Robot, q: Array) -> Array:
     """T_base_tool, shape (4, 4)."""
-    t = np.eye(4)
-    for link, reading in zip(robot.links, q, strict=True):
-        t = t @ _link(robot, link, float(reading))
-    return np.asarray(t @ robot.tool)
+    return np.asarray(_frames(robot, q, _terms(robot, q)[0])[1] @ robot.tool)
 
 
 def jacobian(robot: Robot, q: Array) -> Array:
     """Velocity of the tool's origin (mm) over angular velocity (rad) per unit of each reading, base frame; (6, dof)."""
-    tip = pose(robot, q)[:3, 3]
-    out = np.zeros((6, robot.dof))
-    before = np.eye(4)
-    for i, (link, reading) in enumerate(zip(robot.links, q, strict=True)):
-        after = before @ _link(robot, link, float(reading))
-        frame = (
-            before if robot.convention == "standard" else after
-        )  # the joint is the first or the last motion of its link
-        axis = frame[:3, 2] * link.joint.sign * link.joint.ratio
-        out[:3, i] = np.cross(axis, tip - frame[:3, 3]) if link.joint.revolute else axis
-        out[3:, i] = axis if link.joint.revolute else 0.0
-        before = after
-    return out
+    delta, slopes = _terms(robot, q)
+    joints, flange = _frames(robot, q, delta)
+    tip = (flange @ robot.tool)[:3, 3]
+    by_joint = np.zeros((6, robot.dof))
+    for i, (joint, frame) in enumerate(zip(robot.joints, joints, strict=True)):
+        axis = frame[:3, 2]
+        by_joint[:3, i] = np.cross(axis, tip - frame[:3, 3]) if joint.revolute else axis
+        by_joint[3:, i] = axis if joint.revolute else 0.0
+    return by_joint @ (np.diag(_rates(robot)) + slopes)
 
 
-def _link(robot: Robot, link: Link, reading: float) -> Array:
-    theta, alpha, a, d, beta = (link.parameters.get(kind, 0.0) for kind in ("theta", "alpha", "a", "d", "beta"))
-    theta, d = _moved(link.joint, reading, theta, d)
+def _rates(robot: Robot) -> Array:
+    return np.array([joint.sign * joint.ratio for joint in robot.joints])
+
+
+def _terms(robot: Robot, q: Array) -> tuple[Array, Array]:
+    """What joint terms add to the joints, shape (dof,), and the slopes of that by readings, shape (dof, dof)."""
+    if not robot.terms:
+        return np.zeros(robot.dof), np.zeros((robot.dof, robot.dof))
+    joints, flange = _frames(robot, q, np.zeros(robot.dof))
+    return added(Posture(robot, q, [*joints, flange], _rates(robot)))
+
+
+def _frames(robot: Robot, q: Array, delta: Array) -> tuple[list[Array], Array]:
+    """Frames of the joints behind their own motion, and of the flange, in base; shape (4, 4) each."""
+    joints, t = [], np.eye(4)
+    for link, reading, more in zip(robot.links, q, delta, strict=True):
+        theta, alpha, a, d, beta = (link.parameters.get(kind, 0.0) for kind in ("theta", "alpha", "a", "d", "beta"))
+        motion = link.joint.sign * link.joint.ratio * float(reading) + link.joint.offset + more
+        theta, d = (theta + motion, d) if link.joint.revolute else (theta, d + motion)
+        screw = _transform(Rotation.from_euler("Z", theta), (0.0, 0.0, d))
+        if robot.convention == "standard":
+            joints.append(t @ screw)
+            t = joints[-1] @ _transform(Rotation.from_euler("XY", [alpha, beta]), (a, 0.0, 0.0))
+        else:
+            t = t @ _transform(Rotation.from_euler("XY", [alpha, beta]), (a, 0.0, 0.0)) @ screw
+            joints.append(t)
+    return joints, t
+
+
+def _transform(rotation: Rotation, origin: tuple[float, float, float]) -> Array:
     t = np.eye(4)
-    if robot.convention == "standard":
-        t[:3, :3] = Rotation.from_euler("ZXY", [theta, alpha, beta]).as_matrix()
-        t[:3, 3] = a * np.cos(theta), a * np.sin(theta), d
-    else:
-        t[:3, :3] = Rotation.from_euler("XYZ", [alpha, beta, theta]).as_matrix()
-        t[:3, 3] = t[:3, 2] * d + (a, 0.0, 0.0)
+    t[:3, :3], t[:3, 3] = rotation.as_matrix(), origin
     return t
-
-
-def _moved(joint: Joint, reading: float, theta: float, d: float) -> tuple[float, float]:
-    motion = joint.sign * joint.ratio * reading + joint.offset
-    return (theta + motion, d) if joint.revolute else (theta, d + motion)
 
 
 def _reachable(robot: Robot, start: Array, target: Array, oriented: bool) -> bool:

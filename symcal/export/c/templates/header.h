@@ -1,7 +1,7 @@
 /* Kinematics of @robot@ (@state@). Written by symcal.
  *
  * Units: mm and rad. Joint values are readings, as the robot file defines them (sign, ratio and offset are built in):
-@joints@
+@joints@@terms@
  * Frames: everything is in the base frame of the robot. Matrices are row-major:
  *   pose      T_base_tool without its last row, 3 x 4: p[0..3] = R00 R01 R02 x, p[4..7] = R10 R11 R12 y, ...
  *   jacobian  6 x @dof@, column i per unit of reading i; rows 0 to 2 are the velocity of the tool's origin (mm),
@@ -72,7 +72,7 @@ void @prefix@_jacobian(const @prefix@_real q[@dof@], @prefix@_real jacobian[@jac
 @compensate_pose@
 /* ---- The same with numbers given at run time, for a robot that is calibrated again in the field.
  *
- * x: errors of the link parameters, identified minus nominal (mm, rad), in this order:
+ * x: errors of the link parameters@of_terms@, identified minus nominal (mm, rad), in this order:
 @parameter_list@
  * base, tool: poses of the robot's base in the frame wanted, and of the tool on the flange; 3 x 4, row-major.
  */

@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
 from symcal.fit.identifiability import Identifiability, analyse, numerical_rank
-from symcal.fit.noise import Loss, known_sigma, unknown_noise
+from symcal.fit.noise import known_sigma, unknown_noise
 from symcal.fit.posterior import Posterior, posterior_of
 from symcal.fit.residual_rows import Rows
+from symcal.fit.robust import REDESCENDING, Loss
 from symcal.fit.variance_components import Components
 from symcal.fit.variances import VarianceModel, Variances
 from symcal.fit.whitened import whitened
@@ -137,7 +138,7 @@ def fit(
         raise RefusedError("the model gives no finite number at the first guess: check joint readings and units")
     check_redundancy(rows, free, bool(estimated))
     sized = options.scales == "estimated" and bool(system.before.sized.any())
-    model = VarianceModel(system, known, missing, estimated, sized, options.loss, hold=options.loss == "cauchy")
+    model = VarianceModel(system, known, missing, estimated, sized, options.loss, hold=options.loss in REDESCENDING)
     return _Search(model, options).best(reference, nested)
 
 
@@ -167,15 +168,20 @@ class _Search:
         return self._finished(x, variances, solution, path, trouble)
 
     def _first(self, start: Array, path: list[Array]) -> tuple[Array, Variances, bool]:
-        """The first rounds; Cauchy's weights start from where Huber's ended and keep that noise.
+        """The first rounds; weights that redescend start from where Huber's ended and keep that noise.
 
         Weights that fall to zero would let the noise fall with them, to where the model passes through half of the
-        measurements (an MM estimate, [Yohai1987]).
+        measurements (an MM estimate, [Yohai1987]). Huber's noise is a little large where there are gross errors: once
+        Tukey's weights tell which readings count, the noise is taken from these, and kept again.
         """
-        if self.options.loss != "cauchy":
+        if self.options.loss not in REDESCENDING:
             return self._rounds(start, None, path)
         convex = replace(self, model=replace(self.model, loss="huber", hold=False))
         x, variances, _ = convex._rounds(start, None, path)
+        if self.model.estimated:
+            strict = replace(self, model=replace(self.model, loss="tukey"))
+            x, variances, _ = strict._rounds(x, variances, path)
+            variances = strict.model.from_what_counts(x, variances)
         return self._rounds(x, variances, path)
 
     def _better(self, nested: Sequence[Array], x: Array, variances: Variances) -> Array | None:

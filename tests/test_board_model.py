@@ -13,8 +13,8 @@ import symcal as sc
 from symcal.calibration.evaluate import evaluate
 from symcal.data.dataset import Dataset
 from symcal.fit.estimation import Options, fit
-from symcal.fit.robust import Loss
 from symcal.fit.residual_rows import rows_of
+from symcal.fit.robust import Loss
 from symcal.instruments import kind_named, seen_by
 from symcal.model.model import Model, State, build_model
 from symcal.model.stages import alike

@@ -19,8 +19,8 @@ from symcal.calibration.identify import Calibration, calibrate
 from symcal.calibration.simulate import simulate
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Fit, Options, fit
-from symcal.fit.robust import Loss
 from symcal.fit.residual_rows import rows_of
+from symcal.fit.robust import Loss
 from symcal.fit.whitened import FREEDOM
 from symcal.instruments.noise import Noise
 from symcal.model.model import Model, build_model

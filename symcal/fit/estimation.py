@@ -20,12 +20,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.errors import RefusedError
-from symcal.fit.identifiability import Identifiability, analyse, numerical_rank
+from symcal.errors import InputError, RefusedError
+from symcal.fit.identifiability import Identifiability, analyse
 from symcal.fit.noise import known_sigma, unknown_noise
 from symcal.fit.posterior import Posterior, posterior_of
+from symcal.fit.redundancy import check_redundancy
 from symcal.fit.residual_rows import Rows
-from symcal.fit.robust import REDESCENDING, Loss
+from symcal.fit.robust import LOSSES, REDESCENDING, Loss
+from symcal.fit.sandwich import sandwich
 from symcal.fit.variance_components import Components
 from symcal.fit.variances import VarianceModel, Variances
 from symcal.fit.whitened import whitened
@@ -49,13 +51,14 @@ _NO_WORSE = 1e-9  # relative difference of the objective that is rounding
 class Options:
     """How to fit.
 
+    loss: `auto` is for an identification to choose (`symcal.calibration.loss_choice`); a single fit needs one.
     sigma: known noise per group (mm, rad, px), estimated where absent. scales: whether a common factor on the plausible
         sizes of the link parameters is estimated, or they hold as stated.
     """
 
     solver: SolverName = "levenberg_marquardt"
     tolerances: Tolerances = field(default_factory=Tolerances)
-    loss: Loss = "linear"
+    loss: Loss | Literal["auto"] = "linear"
     sigma: Mapping[str, float] = field(default_factory=dict)
     scales: Scales = "estimated"
 
@@ -65,6 +68,7 @@ class Fit:
     """An estimate with everything that must accompany it.
 
     x: errors of all parameters, shape (n,). free: names of the estimated ones. setup: the frames that x refers to.
+    loss: of the residuals.
     sigmas: noise per group; estimated: the groups whose sigma came from the data.
     factor: s, the common factor on the plausible sizes; factor_estimated: whether it came from the data.
     posterior: of the free parameters. identifiability: at the estimate, for the sizes as stated.
@@ -80,6 +84,7 @@ class Fit:
     x: Array
     free: tuple[str, ...]
     setup: Setup
+    loss: Loss
     sigmas: dict[str, float]
     estimated: tuple[str, ...]
     factor: float
@@ -126,7 +131,10 @@ def fit(
             them may be better than the result; where one is, the fit starts again from there.
     Raises:
         RefusedError: fewer equations than unknowns that the data could see, or a model that gives no finite number.
+        InputError: the loss is `auto`.
     """
+    if options.loss == "auto":
+        raise InputError("an identification chooses the loss; one fit needs one", key="loss", allowed=LOSSES)
     rows = rows.decorrelated()
     nothing = np.zeros(len(rows.measurement.parameters))
     reference = nothing if reference is None else reference
@@ -138,7 +146,8 @@ def fit(
         raise RefusedError("the model gives no finite number at the first guess: check joint readings and units")
     check_redundancy(rows, free, bool(estimated))
     sized = options.scales == "estimated" and bool(system.before.sized.any())
-    model = VarianceModel(system, known, missing, estimated, sized, options.loss, hold=options.loss in REDESCENDING)
+    hold = options.loss in REDESCENDING
+    model = VarianceModel(system, known, missing, estimated, sized, options.loss, hold)
     return _Search(model, options).best(reference, nested)
 
 
@@ -174,7 +183,7 @@ class _Search:
         measurements (an MM estimate, [Yohai1987]). Huber's noise is a little large where there are gross errors: once
         Tukey's weights tell which readings count, the noise is taken from these, and kept again.
         """
-        if self.options.loss not in REDESCENDING:
+        if self.model.loss not in REDESCENDING:
             return self._rounds(start, None, path)
         convex = replace(self, model=replace(self.model, loss="huber", hold=False))
         x, variances, _ = convex._rounds(start, None, path)
@@ -252,6 +261,7 @@ class _Search:
             x=x,
             free=system.free,
             setup=rows.setup,
+            loss=model.loss,
             sigmas=variances.sigmas,
             estimated=model.estimated,
             factor=variances.factor,
@@ -261,12 +271,21 @@ class _Search:
             chi_squared=sum(squares for squares, _ in by_group.values()),
             by_group=by_group,
             identifiability=analyse(white, parameters, system.free),
-            posterior=posterior_of(system.free, system.scales, found, blocks, assumed),
+            posterior=posterior_of(
+                system.free, system.scales, found, blocks, assumed, self._robust_covariance(x, variances)
+            ),
             solution=solution,
             weights=variances.weights,
             path=np.array(path),
             trouble=trouble,
         )
+
+    def _robust_covariance(self, x: Array, variances: Variances) -> Array | None:
+        """Covariance of y with a robust loss, None with the linear one: A^-1 has it then."""
+        if self.model.loss == "linear":
+            return None
+        plain = self.model.spread(replace(variances, weights=self.model.system.rows.seen.astype(float)))
+        return sandwich(self.model.system, x, plain, variances.factor, self.model.loss)
 
     def _by_group(self, x: Array, variances: Variances, found: Components) -> dict[str, tuple[float, float]]:
         """Chi-squared and degrees of freedom of every noise group."""
@@ -278,28 +297,3 @@ class _Search:
             taken = float(np.sum((rows[:, :-1] @ found.root) ** 2))
             out[group.name] = float(rows[:, -1] @ rows[:, -1]), int(np.isfinite(own).sum()) - taken
         return out
-
-
-def check_redundancy(rows: Rows, free: tuple[str, ...], estimated: bool) -> None:
-    """Refuse fewer equations than unknowns.
-
-    Args:
-        estimated: whether noise must be told from what is left over.
-    Raises:
-        RefusedError: nothing is left over.
-    """
-    parameters = rows.measurement.parameters
-    index = parameters.indices(free)
-    linear = rows.at(np.zeros(len(parameters)))
-    stacked = linear.weighted(np.where(rows.seen, 1.0, np.inf), index, parameters.scales[index])[:, :-1]
-    stated = len(parameters.prior_rows(free)) + len(rows.values(np.zeros(len(parameters)))[0])
-    equations, rank, count = int(rows.seen.sum()) + stated, numerical_rank(stacked), len(rows.data)
-    if not free or (equations > rank if estimated else equations >= rank > 0):
-        return
-    unknowns = len(free) if rank == equations else rank  # so few rows cannot tell how many there are to see
-    wanted = max(count + 1, (unknowns + 1) * count // max(equations, 1) + 1)
-    raise RefusedError(
-        f"{count} poses give {equations} equations for at least {rank} unknowns: nothing would be left "
-        f"to judge the fit by; measure {wanted} poses or more (three times as many are sensible), or hold "
-        "parameters with 'fix'"
-    )

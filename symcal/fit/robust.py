@@ -25,8 +25,8 @@ from scipy.special import gammaincinv
 
 Array = NDArray[np.float64]
 Loss = Literal["linear", "huber", "cauchy", "tukey"]
-Robust = Literal["huber", "cauchy", "tukey"]
 
+LOSSES: tuple[Loss, ...] = ("linear", "huber", "cauchy", "tukey")
 REDESCENDING: tuple[Loss, ...] = ("cauchy", "tukey")
 _QUANTILE = 0.95  # of the norm of unit normals: where a residual starts to count less
 _EFFICIENCY = 0.95  # of tukey's location at the normal law
@@ -60,7 +60,7 @@ def loss_slopes(loss: Loss, t: Array, block: int) -> Array:
 
 
 @cache
-def tuning(loss: Robust, block: int) -> float:
+def tuning(loss: Loss, block: int) -> float:
     """k or c, in units of sigma."""
     if loss != "tukey":
         return float(np.sqrt(2 * gammaincinv(block / 2, _QUANTILE)))
@@ -80,6 +80,11 @@ def shrinkage(loss: Loss, block: int) -> float:
     t = _normal_norms(block)
     w = loss_weights(loss, t, block)
     return float(np.mean(w * t**2) / (block * np.mean(w)))
+
+
+def normal_median(block: int) -> float:
+    """Median of the norm of d unit normals."""
+    return float(np.sqrt(2 * gammaincinv(block / 2, 0.5)))
 
 
 def _normal_norms(block: int) -> Array:

@@ -2,7 +2,8 @@
 
 Poses are left out fold by fold, every fold with all losses. The score of a pose is the log density of a Cauchy law with
 the noise as its width, summed over its readings: what is far off counts about the same with every loss, so that gross
-errors do not choose. Losses are compared pose by pose, with the standard error of the mean difference.
+errors do not choose. Losses are compared pose by pose, with the standard error of the mean difference: the linear one
+stands unless another is clearly better, then Cauchy's unless another is clearly better than that.
 
 The folds are of the model linearised at the estimate of Tukey's loss: weights and estimate are found in turn there, the
 variances held at those of two fits of all poses, one linear and one robust. Ours.
@@ -75,10 +76,7 @@ def choose_loss(
     if not robust.converged:
         return LossChoice("linear", "a robust fit did not converge")
     scores, count = held_out_scores(rows, free, linear, robust, prior_mean)
-    gain: dict[str, tuple[float, float]] = {}
-    for loss in LOSSES[1:]:
-        better = scores["linear"] - scores[loss]
-        gain[loss] = float(better.mean()), float(better.std(ddof=1) / np.sqrt(len(better)))
+    gain: dict[str, tuple[float, float]] = {loss: _gain(scores[loss], scores["linear"]) for loss in LOSSES[1:]}
     clear: list[Loss] = [loss for loss in LOSSES[1:] if gain[loss][0] > _CLEARLY * gain[loss][1]]
     if not clear:
         best = max(gain, key=lambda name: gain[name][0])
@@ -96,6 +94,20 @@ def choose_loss(
     return LossChoice(
         chosen, f"it foretells held-out poses clearly better than the linear one ({_said(chosen, gain)})", count, gain
     )
+
+
+def _gain(one: Array, other: Array) -> tuple[float, float]:
+    """Mean by which the first scores are better, pose by pose, and its standard error."""
+    better = other - one
+    return float(better.mean()), float(better.std(ddof=1) / np.sqrt(len(better)))
+
+
+def _best(clear: list[Loss], scores: Mapping[Loss, Array]) -> Loss:
+    """Cauchy's, which bears small slips and gross ones, unless another is clearly better than that."""
+    if "cauchy" in clear:
+        beside = {loss: _gain(scores[loss], scores["cauchy"]) for loss in clear if loss != "cauchy"}
+        clear = [loss for loss, (mean, error) in beside.items() if mean > _CLEARLY * error] or ["cauchy"]
+    return min(clear, key=lambda loss: float(scores[loss].mean()))
 
 
 def _said(name: str, gain: Mapping[str, tuple[float, float]]) -> str:

@@ -143,13 +143,13 @@ def _outlier(changes: _Changes, pile: Pile, found: Judged, i: int) -> Outlier:
     most = int(np.abs(in_sigmas).argmax()) if len(change) else 0
     spread = np.where(np.isfinite(pile.known[i]), pile.known[i], found.sigma)
     off = found.off[i] if changes.system.rows.mixing is None else found.off[i] / spread
-    part = next(p for p in changes.model.measurement.parts if p.observation.name == group.observation)
+    first = group.columns[int(pile.place[i]) * group.block]  # sessions of an entry share a group
+    part = next(p for p in changes.model.measurement.parts if p.components.start <= first < p.components.stop)
     features = part.observation.features
-    first = group.columns[int(pile.place[i]) * group.block]
     point = features[(first - part.components.start) * part.features // part.size] if len(features) > 1 else ""
     return Outlier(
         pose=changes.data.labels[pile.pose[i]],
-        instrument=group.observation,
+        instrument=part.observation.name,
         quantity=group.quantity,
         group=group.name,
         point=point,

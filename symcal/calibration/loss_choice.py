@@ -90,7 +90,7 @@ def choose_loss(
             "slips, so that the model lacks an effect, which a robust loss would hide"
         )
         return LossChoice("linear", why, count, gain)
-    chosen = max(clear, key=lambda name: gain[name][0])
+    chosen = _best(clear, scores)
     return LossChoice(
         chosen, f"it foretells held-out poses clearly better than the linear one ({_said(chosen, gain)})", count, gain
     )

@@ -1,4 +1,4 @@
-"""What a plan foretells for geometry with gravity and harmonics against fits with them:  python tests/plan_with_terms.py N
+"""What a plan for geometry, gravity and harmonics foretells against fits:  python tests/plan_with_terms.py N
 
 A 6-axis arm whose robot file has gravity at joints 2, 3 and 5 and first harmonics everywhere, all zero; the plan is
 D-optimal. Robots are drawn with the plausible sizes, simulated at the plan and identified; the errors at fresh poses of
@@ -54,7 +54,9 @@ def errors(outcome: PlanOutcome, count: int) -> np.ndarray:
     lower, upper = model.robot.ranges
     out = []
     for _ in range(count):
-        sizes = np.array([p.scale if not p.unknown else 1.0 if p.unit == "mm" else 1e-3 for p in model.parameters.items])
+        sizes = np.array(
+            [p.scale if not p.unknown else 1.0 if p.unit == "mm" else 1e-3 for p in model.parameters.items]
+        )
         truth = model.parameters.mapping(rng.normal(size=len(sizes)) * sizes)
         data = simulate(model, truth, poses, Noise("normal", NOISE), rng)
         found = calibrate(model, baseline, data, experiment.options)

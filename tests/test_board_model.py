@@ -13,8 +13,8 @@ import symcal as sc
 from symcal.calibration.evaluate import evaluate
 from symcal.data.dataset import Dataset
 from symcal.fit.estimation import Options, fit
-from symcal.fit.noise import Loss
 from symcal.fit.residual_rows import rows_of
+from symcal.fit.robust import Loss
 from symcal.instruments import kind_named, seen_by
 from symcal.model.model import Model, State, build_model
 from symcal.model.stages import alike
@@ -77,7 +77,7 @@ def test_the_triangle_of_compressed_rows_is_that_of_all_rows(
     np.testing.assert_allclose(*triangles, rtol=0, atol=1e-12 * np.abs(triangles[1]).max())
 
 
-@pytest.mark.parametrize("loss", ["linear", "huber", "cauchy"])
+@pytest.mark.parametrize("loss", ["linear", "huber", "cauchy", "tukey"])
 def test_an_identification_is_the_same(both: tuple[Model, Model, Dataset], loss: Loss) -> None:
     """Estimate, unknown noise, equations, degrees of freedom, chi-squared and weights."""
     staged, written, data = both

@@ -326,7 +326,7 @@ def test_what_was_learnt_is_one_minus_the_ratio_of_variances_and_adds_up() -> No
     assert found.equations - found.dof == pytest.approx(share.sum(), abs=1e-6)
 
 
-@pytest.mark.parametrize("loss", ["huber", "cauchy"])
+@pytest.mark.parametrize("loss", ["huber", "cauchy", "tukey"])
 def test_a_robust_loss_bears_gross_errors(loss: str) -> None:
     model, truth = handling_model(), visible_truth()
     q = front_half(100, np.random.default_rng(5))

@@ -40,7 +40,7 @@ def test_the_folder_is_whole(small):
         "calibrated.yaml",
         "measurements.csv",
         "experiment.resolved.yaml",
-        *(f"tables/{name}.csv" for name in ("parameters", "accuracy", "errors", "correlation")),
+        *(f"tables/{name}.csv" for name in ("parameters", "accuracy", "errors", "correlation", "outliers")),
     }
 
 
@@ -244,6 +244,15 @@ def test_a_gross_error_is_named_not_refused(rng, tmp_path):
     _, robust = run(path, tmp_path / "out", overrides=["identification.loss=cauchy"])
     rms = [f["accuracy"]["test"]["after"]["position_mm"]["rms"] for f in (found, robust)]
     assert rms[1] < 1.5 * NOISE * np.sqrt(3) < rms[0]
+    _, chosen = run(path, tmp_path / "out", overrides=["identification.loss=auto"])
+    assert chosen["identification"]["loss"] != "linear"
+    assert chosen["identification"]["loss_choice"]["chosen"] == chosen["identification"]["loss"]
+    assert "loss_choice" in found["identification"]
+    listed = [(each["pose"], each["unit"]) for each in chosen["outliers"]]
+    assert set(listed) == {("N7", "mm")}
+    table = pd.read_csv(tmp_path / "out" / "tables" / "outliers.csv")
+    assert table["pose"].tolist() == [pose for pose, _ in listed]
+    assert table["off"].tolist() == pytest.approx([each["off"] for each in chosen["outliers"]])
 
 
 def test_data_of_other_points_than_the_task_asks_for(rng):

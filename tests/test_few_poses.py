@@ -19,8 +19,8 @@ from symcal.calibration.identify import Calibration, calibrate
 from symcal.calibration.simulate import simulate
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Fit, Options, fit
-from symcal.fit.noise import Loss
 from symcal.fit.residual_rows import rows_of
+from symcal.fit.robust import Loss
 from symcal.fit.whitened import FREEDOM
 from symcal.instruments.noise import Noise
 from symcal.model.model import Model, build_model
@@ -201,7 +201,7 @@ def test_twenty_random_poses_of_a_measured_robot(
     assert np.median(ratios) <= 0.85
 
 
-@pytest.mark.parametrize("loss", ["huber", "cauchy"])
+@pytest.mark.parametrize("loss", ["huber", "cauchy", "tukey"])
 def test_a_robust_noise_does_not_fall_to_nothing_on_few_poses(loss: Loss) -> None:
     """Clean data: weights that fall to zero must not take the noise with them."""
     ratios, inside = [], []

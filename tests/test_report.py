@@ -85,6 +85,29 @@ def test_special_characters_are_text(content: dict[str, Any], tmp_path: Path) ->
     assert "#set page(fill: red) $x$ *b* _i_ [c] <l> @r" in text
 
 
+def test_outliers_and_the_loss_are_told(content: dict[str, Any], tmp_path: Path) -> None:
+    assert identification_text(content)["outliers"] is None
+    assert dict(identification_text(content)["facts"])["loss"].startswith("linear")
+    odd = copy.deepcopy(content)
+    one = {"pose": "tilt_7", "instrument": "pose", "quantity": "position", "group": "position", "point": ""}
+    one |= {
+        "off": 48.3,
+        "unit": "mm",
+        "noises": 912.0,
+        "weight": 0.0,
+        "parameter": "d_4",
+        "sigmas": -1.7,
+        "tool_mm": 0.21,
+    }
+    odd["outliers"] = [one] * 15
+    odd["identification"] |= {"loss": "tukey", "loss_choice": {"why": "it foretells held-out poses clearly better"}}
+    write_report(odd, (), tmp_path / "report.pdf")
+    text = _text(tmp_path / "report.pdf").replace("\u200b", "")
+    for words in ("tilt_7", "48.3 mm", "912", "d₄ −1.7", "0.21 mm", "15 readings that the noise", "3 more are in"):
+        assert words in text
+    assert "Chosen by cross-validation: it foretells" in text
+
+
 def test_four_hundred_parameters_go_over_pages(content: dict[str, Any], tmp_path: Path) -> None:
     many = copy.deepcopy(content)
     entry = next(iter(many["identification"]["parameters"].values()))

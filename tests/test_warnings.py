@@ -95,7 +95,7 @@ def test_a_slip_is_named_by_its_pose(kind: str) -> None:
     assert (
         "1 training pose(s) have a position residual that the noise of the others does not explain (pose no17)" in said
     )
-    assert "loss: huber" in said
+    assert "loss: auto" in said
 
 
 def test_a_robust_fit_names_slips_without_advising_itself() -> None:
@@ -105,14 +105,14 @@ def test_a_robust_fit_names_slips_without_advising_itself() -> None:
     said = notes(replace(data, z=z), "position", Options(loss="huber"))
     assert "2 training pose(s)" in said
     assert "(pose 3, 17)" in said
-    assert "huber" not in said
+    assert "loss:" not in said
 
 
 def test_a_slip_shows_where_the_file_states_the_noise() -> None:
     data = good("position")
     z = data.z.copy()
     z[17, 1] += 5.0
-    assert "(pose 17," in notes(replace(data, z=z, sigma=np.full((45, 3), 0.05)), "position")
+    assert "(pose 17)" in notes(replace(data, z=z, sigma=np.full((45, 3), 0.05)), "position")
 
 
 def test_a_turned_pose_is_an_orientation_slip() -> None:

@@ -22,7 +22,6 @@ from symcal.fit.estimation import Fit, Options, variance_model
 from symcal.fit.groups import Groups, groups_at
 from symcal.fit.residual_rows import rows_of
 from symcal.fit.variances import Variances
-from symcal.fit.whitened import LINKS
 from symcal.joints import Term
 from symcal.model.model import Model, build_model
 from symcal.placing.placement import placed_by, stated
@@ -195,9 +194,9 @@ def _groups_of(model: Model, train: Dataset, after: Fit, options: Options) -> Gr
     free = placed_by(model, train)
     unplaced = tuple(name for name in model.placement if name not in free)
     rows = rows_of(model.measurement, train, after.setup, model.residuals, unplaced)
-    system = variance_model(rows, after.free, options, prior_mean=stated(model, after.setup))
-    factors = {LINKS: after.factor, **after.factors}
-    return groups_at(system, after.x, Variances(dict(after.sigmas), factors, after.weights))
+    one = replace(options, loss=after.loss)  # `auto` has chosen
+    system = variance_model(rows, after.free, one, prior_mean=stated(model, after.setup))
+    return groups_at(system, after.x, Variances(dict(after.sigmas), after.every_factor, after.weights))
 
 
 def _folds(at: Groups) -> list[NDArray[np.intp]]:

@@ -10,13 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
+from symcal.calibration.loss_choice import LossChoice, choose_loss
+from symcal.calibration.outliers import Outlier, outliers
 from symcal.calibration.record import measurement_record
 from symcal.calibration.warnings import plausibility, quality
 from symcal.data.dataset import Dataset, Readings, merged
 from symcal.data.measurement_file import load_measurements
 from symcal.errors import InputError, RefusedError
-from symcal.fit.estimation import Fit, Options, check_redundancy, fit
+from symcal.fit.estimation import Fit, Options, fit
 from symcal.fit.noise import known_sigma, unknown_noise
+from symcal.fit.redundancy import check_redundancy
 from symcal.fit.residual_rows import rows_of
 from symcal.model.measurement import Setup
 from symcal.model.model import Model, State, build_model
@@ -39,7 +42,8 @@ class Calibration:
     setup: the estimated frames fitted with nominal kinematics; the fits refer to it.
     before: nominal kinematics with base and tool fitted, whether or not the task estimates them: the fair baseline.
     before_raw: nominal kinematics with the frames as given, where all are given.
-    offsets: joint zeros and frames. after: all parameters that are not held.
+    offsets: joint zeros and frames. after: all parameters that are not held. outliers: readings of the training data
+        that the noise of the others does not explain. loss_choice: why which loss was taken, where that was asked.
     """
 
     model: Model
@@ -51,6 +55,8 @@ class Calibration:
     robot: Robot
     notes: tuple[str, ...] = ()
     searches: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    outliers: tuple[Outlier, ...] = ()
+    loss_choice: LossChoice | None = None
 
     @property
     def states(self) -> dict[str, State]:
@@ -135,9 +141,13 @@ def _calibrate(model: Model, baseline: Model | None, data: Dataset, options: Opt
         start = rows_of(model.measurement, train, model.setup, model.residuals, others)
         estimated = unknown_noise(start, known_sigma(start, options.sigma))
         check_redundancy(start, (*model.kinematic, *free), bool(estimated))
+    unplaced = tuple(name for name in model.placement if name not in free)
+    choice = None
+    if options.loss == "auto":
+        choice = _chosen(model, train, free, unplaced, replace(options, loss="linear"))
+        options = replace(options, loss=choice.chosen)
     found = placed(model, train, options)
     setup = found.setup
-    unplaced = tuple(name for name in model.placement if name not in free)
     rows = rows_of(model.measurement, train, setup, model.residuals, unplaced)
     at = stated(model, setup)
     nominal = np.zeros(len(model.parameters))
@@ -149,9 +159,24 @@ def _calibrate(model: Model, baseline: Model | None, data: Dataset, options: Opt
         own = placed_by(baseline, train)
         unplaced = tuple(name for name in baseline.placement if name not in own)
         before = State(baseline, place(baseline, train, options), np.zeros(len(baseline.parameters)), unplaced)
-    notes = (*found.notes, *_unplaced(before.unplaced), *plausibility(train, before), *quality(model, train, after))
+    odd = outliers(model, train, after, at)
+    notes = (
+        *found.notes,
+        *_unplaced(before.unplaced),
+        *plausibility(train, before),
+        *quality(model, train, after, odd),
+    )
     robot = calibrated_robot(model, after)
-    return Calibration(model, setup, before, raw, offsets, after, robot, notes, found.searches)
+    return Calibration(model, setup, before, raw, offsets, after, robot, notes, found.searches, odd.listed, choice)
+
+
+def _chosen(
+    model: Model, train: Dataset, free: tuple[str, ...], unplaced: tuple[str, ...], options: Options
+) -> LossChoice:
+    """The loss that cross-validation chooses, with frames as the linear one places them."""
+    setup = place(model, train, options)
+    rows = rows_of(model.measurement, train, setup, model.residuals, unplaced)
+    return choose_loss(model, train, rows, (*model.kinematic, *free), options, stated(model, setup))
 
 
 def _unplaced(names: Sequence[str]) -> list[str]:

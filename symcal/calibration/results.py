@@ -18,6 +18,7 @@ import numpy as np
 from symcal.calibration.evaluate import Errors, Statistics, statistics
 from symcal.calibration.held_out_places import held_out_places
 from symcal.calibration.identify import Calibration
+from symcal.calibration.outliers import outlier_facts
 from symcal.calibration.place_results import frame_facts, known_facts, length_facts, settled_facts
 from symcal.data.dataset import Dataset
 from symcal.fit.estimation import Fit
@@ -157,6 +158,7 @@ def identification_facts(fit: Fit, measurement: Measurement, unplaced: Collectio
     held: list[float | None] = [None, None, None]
     return {
         "solver": fit.solution.solver,
+        "loss": fit.loss,
         "converged": fit.converged,
         "status": fit.solution.status.name.lower(),
         "message": fit.message,
@@ -244,7 +246,7 @@ def _as_dict(s: Statistics) -> dict[str, float | int]:
 
 
 def calibration_facts(calibration: Calibration, held_out: Dataset | None = None) -> dict[str, Any]:
-    """Identifiability, identification, frames and known values of a calibration.
+    """Identifiability, identification, outliers, frames and known values of a calibration.
 
     Args:
         held_out: poses that settle what no training pose tells.
@@ -252,9 +254,12 @@ def calibration_facts(calibration: Calibration, held_out: Dataset | None = None)
     model, after = calibration.model, calibration.after
     state = calibration.states["after"]
     found = held_out_places(state, held_out)
+    choice = calibration.loss_choice
     return {
         "identifiability": identifiability_facts(after.identifiability) | {"length": length_facts(calibration)},
-        "identification": identification_facts(after, model.measurement, state.unplaced),
+        "identification": identification_facts(after, model.measurement, state.unplaced)
+        | {"loss_choice": None if choice is None else choice.facts},
+        "outliers": outlier_facts(calibration.outliers),
         "starts": {name: {"agreed": n, "starts": of} for name, (n, of) in calibration.searches.items()},
         "frames": frame_facts(model, model.moved(found.state.setup, after.x), found.unknown),
         "settled": settled_facts(model, found),

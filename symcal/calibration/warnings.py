@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammainccinv
 
 from symcal.calibration.length import unseen_length
 from symcal.calibration.odd_values import odd_values
+from symcal.calibration.outliers import StandingOut
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Fit
-from symcal.fit.noise import known_sigma, spread_of
 from symcal.fit.residual_rows import rows_of
+from symcal.fit.robust import Loss
 from symcal.model.measurement import Part
 from symcal.model.model import Model, State
 from symcal.placing.registration import LEVER
 
 Array = NDArray[np.float64]
 
-_STANDS_OUT = 4.0  # medians: a residual larger than this is one slip that spoils the others
-_OUTLIER = 1e-6  # probability that one good observation is called an outlier
 _ABSURD = 20.0  # scales: a correction larger than this is a mistake more often than a fact
 _WRONG_NOISE = 1.5  # residuals over stated noise
 _LARGER = 3.0  # factor on the plausible sizes that a reader is told
@@ -108,8 +106,11 @@ def _about_centre(points: Array) -> Array:
     return np.asarray(points - points.mean(axis=0))
 
 
-def quality(model: Model, data: Dataset, after: Fit) -> tuple[str, ...]:
+def quality(model: Model, data: Dataset, after: Fit, odd: StandingOut) -> tuple[str, ...]:
     """What the identification says about itself.
+
+    Args:
+        odd: readings that stand out of it.
 
     Raises:
         RefusedError: the identified model does not explain the measurements at all.
@@ -125,7 +126,7 @@ def quality(model: Model, data: Dataset, after: Fit) -> tuple[str, ...]:
         )
     if not after.converged:
         notes.append(f"the identification did not converge: {after.trouble}")
-    notes += _outliers(model, data, after)
+    notes += _outliers(odd, after.loss)
     if after.factor > _LARGER:
         notes.append(
             f"the errors of this robot are about {after.factor:.2g} times as large as their plausible sizes: the robot "
@@ -268,30 +269,19 @@ def _size(model: Model, data: Dataset) -> float:
     return float(model.robot.length(data.q) + np.linalg.norm(model.robot.tool[:3, 3]))
 
 
-def _outliers(model: Model, data: Dataset, after: Fit) -> list[str]:
-    """Observations whose residual is no accident at the noise of the others."""
-    rows = rows_of(model.measurement, data, after.setup, model.residuals)
-    r = rows.residual(after.x)
-    spread = spread_of(rows, known_sigma(rows, {}), after.sigmas, np.ones_like(r))
-    advice = "measure them again"
-    if (after.weights == rows.seen).all():
-        advice += " or use 'loss: huber'"
-    found = []
-    for group in model.measurement.groups:
-        white = (r / spread)[:, list(group.columns)].reshape(len(data), -1, group.block)
-        norms = np.linalg.norm(white, axis=2).max(axis=1)
-        limit = np.sqrt(2 * gammainccinv(group.block / 2, _OUTLIER))
-        worst = [data.labels[i] for i in np.argsort(-norms) if norms[i] > limit]
-        of = int((norms > 0).sum())
-        if len(worst) > of / 5 and norms.max() < _STANDS_OUT * np.median(norms[norms > 0]):
-            found.append(
-                f"{len(worst)} of {of} training poses have a {group.name} residual beyond the noise: not "
-                "outliers, but a noise stated too small or an effect that the model lacks"
-            )
-        elif worst:
-            listed = ", ".join(worst[:5]) + (", ..." if len(worst) > 5 else "")
-            found.append(
-                f"{len(worst)} training pose(s) have a {group.name} residual that the noise of the others does not "
-                f"explain (pose {listed}): {advice}"
-            )
-    return found
+def _outliers(found: StandingOut, loss: Loss) -> list[str]:
+    """Readings whose residual is no accident at the noise of the others."""
+    notes = [
+        f"{crowd.poses} of {crowd.of} training poses have a {crowd.group} residual beyond the noise: not outliers, but "
+        "a noise stated too small or an effect that the model lacks"
+        for crowd in found.crowds
+    ]
+    advice = "measure them again" + (" or use 'loss: auto'" if loss == "linear" else "")
+    for group in dict.fromkeys(each.group for each in found.listed):
+        poses = list(dict.fromkeys(each.pose for each in found.listed if each.group == group))
+        listed = ", ".join(poses[:_NAMED]) + (", ..." if len(poses) > _NAMED else "")
+        notes.append(
+            f"{len(poses)} training pose(s) have a {group} residual that the noise of the others does not explain "
+            f"(pose {listed}): {advice}"
+        )
+    return notes

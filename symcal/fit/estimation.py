@@ -20,11 +20,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.errors import RefusedError
-from symcal.fit.identifiability import Identifiability, analyse, numerical_rank
-from symcal.fit.noise import Loss, known_sigma, unknown_noise
+from symcal.errors import InputError, RefusedError
+from symcal.fit.identifiability import Identifiability, analyse
+from symcal.fit.noise import known_sigma, unknown_noise
 from symcal.fit.posterior import Posterior, posterior_of
+from symcal.fit.redundancy import check_redundancy
 from symcal.fit.residual_rows import Rows
+from symcal.fit.robust import LOSSES, REDESCENDING, Loss
+from symcal.fit.sandwich import sandwich
 from symcal.fit.variance_components import Components
 from symcal.fit.variances import VarianceModel, Variances
 from symcal.fit.whitened import LINKS, whitened
@@ -48,13 +51,14 @@ _NO_WORSE = 1e-9  # relative difference of the objective that is rounding
 class Options:
     """How to fit.
 
+    loss: `auto` is for an identification to choose (`symcal.calibration.loss_choice`); a single fit needs one.
     sigma: known noise per group (mm, rad, px), estimated where absent. scales: whether a common factor on the plausible
         sizes of the link parameters is estimated, or they hold as stated.
     """
 
     solver: SolverName = "levenberg_marquardt"
     tolerances: Tolerances = field(default_factory=Tolerances)
-    loss: Loss = "linear"
+    loss: Loss | Literal["auto"] = "linear"
     sigma: Mapping[str, float] = field(default_factory=dict)
     scales: Scales = "estimated"
 
@@ -64,6 +68,7 @@ class Fit:
     """An estimate with everything that must accompany it.
 
     x: errors of all parameters, shape (n,). free: names of the estimated ones. setup: the frames that x refers to.
+    loss: of the residuals.
     sigmas: noise per group; estimated: the groups whose sigma came from the data.
     factor: s, the common factor on the plausible sizes of links; factor_estimated: whether it came from the data.
     factors: the same of every group of joint terms.
@@ -80,6 +85,7 @@ class Fit:
     x: Array
     free: tuple[str, ...]
     setup: Setup
+    loss: Loss
     sigmas: dict[str, float]
     estimated: tuple[str, ...]
     factor: float
@@ -95,6 +101,11 @@ class Fit:
     path: Array
     trouble: str = ""
     factors: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def every_factor(self) -> dict[str, float]:
+        """Factors on the sizes by group, that of the links among them."""
+        return {LINKS: self.factor, **self.factors}
 
     @property
     def iterations(self) -> int:
@@ -127,6 +138,7 @@ def fit(
             them may be better than the result; where one is, the fit starts again from there.
     Raises:
         RefusedError: fewer equations than unknowns that the data could see, or a model that gives no finite number.
+        InputError: the loss is `auto`.
     """
     model = variance_model(rows, free, options, reference, prior_mean=prior_mean)
     reference, rows = model.system.reference, model.system.rows
@@ -144,7 +156,9 @@ def variance_model(
     *,
     prior_mean: Array | None = None,
 ) -> VarianceModel:
-    """The system of a fit, and which variances in it are unknown; arguments as of `fit`."""
+    """The system of a fit, and which variances in it are unknown; arguments and errors as of `fit`."""
+    if options.loss == "auto":
+        raise InputError("an identification chooses the loss; one fit needs one", key="loss", allowed=LOSSES)
     rows = rows.decorrelated()
     nothing = np.zeros(len(rows.measurement.parameters))
     reference = nothing if reference is None else reference
@@ -154,7 +168,7 @@ def variance_model(
     estimated = unknown_noise(rows, known)
     stated = {LINKS} if options.scales == "stated" else set()
     factors = tuple(name for name, own in system.groups.items() if own.any() and name not in stated)
-    return VarianceModel(system, known, missing, estimated, factors, options.loss, hold=options.loss == "cauchy")
+    return VarianceModel(system, known, missing, estimated, factors, options.loss, hold=options.loss in REDESCENDING)
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,15 +197,20 @@ class _Search:
         return self._finished(x, variances, solution, path, trouble)
 
     def _first(self, start: Array, path: list[Array]) -> tuple[Array, Variances, bool]:
-        """The first rounds; Cauchy's weights start from where Huber's ended and keep that noise.
+        """The first rounds; weights that redescend start from where Huber's ended and keep that noise.
 
         Weights that fall to zero would let the noise fall with them, to where the model passes through half of the
-        measurements (an MM estimate, [Yohai1987]).
+        measurements (an MM estimate, [Yohai1987]). Huber's noise is a little large where there are gross errors: once
+        Tukey's weights tell which readings count, the noise is taken from these, and kept again.
         """
-        if self.options.loss != "cauchy":
+        if self.model.loss not in REDESCENDING:
             return self._rounds(start, None, path)
         convex = replace(self, model=replace(self.model, loss="huber", hold=False))
         x, variances, _ = convex._rounds(start, None, path)
+        if self.model.estimated:
+            strict = replace(self, model=replace(self.model, loss="tukey"))
+            x, variances, _ = strict._rounds(x, variances, path)
+            variances = strict.model.from_what_counts(x, variances)
         return self._rounds(x, variances, path)
 
     def _better(self, nested: Sequence[Array], x: Array, variances: Variances) -> Array | None:
@@ -262,6 +281,7 @@ class _Search:
             x=x,
             free=system.free,
             setup=rows.setup,
+            loss=model.loss,
             sigmas=variances.sigmas,
             estimated=model.estimated,
             factor=variances.factor,
@@ -271,13 +291,22 @@ class _Search:
             chi_squared=sum(squares for squares, _ in by_group.values()),
             by_group=by_group,
             identifiability=analyse(white, parameters, system.free),
-            posterior=posterior_of(system.free, system.scales, found, blocks, assumed),
+            posterior=posterior_of(
+                system.free, system.scales, found, blocks, assumed, self._robust_covariance(x, variances)
+            ),
             solution=solution,
             weights=variances.weights,
             path=np.array(path),
             trouble=trouble,
             factors={group: factor for group, factor in variances.factors.items() if group != LINKS},
         )
+
+    def _robust_covariance(self, x: Array, variances: Variances) -> Array | None:
+        """Covariance of y with a robust loss, None with the linear one: A^-1 has it then."""
+        if self.model.loss == "linear":
+            return None
+        plain = self.model.spread(replace(variances, weights=self.model.system.rows.seen.astype(float)))
+        return sandwich(self.model.system, x, plain, variances.factors, self.model.loss)
 
     def _by_group(self, x: Array, variances: Variances, found: Components) -> dict[str, tuple[float, float]]:
         """Chi-squared and degrees of freedom of every noise group."""
@@ -289,28 +318,3 @@ class _Search:
             taken = float(np.sum((rows[:, :-1] @ found.root) ** 2))
             out[group.name] = float(rows[:, -1] @ rows[:, -1]), int(np.isfinite(own).sum()) - taken
         return out
-
-
-def check_redundancy(rows: Rows, free: tuple[str, ...], estimated: bool) -> None:
-    """Refuse fewer equations than unknowns; joint terms do not count, which shrink to what the data tell of them.
-
-    Args:
-        estimated: whether noise must be told from what is left over.
-    Raises:
-        RefusedError: nothing is left over.
-    """
-    parameters = rows.measurement.parameters
-    index = np.array([i for i in parameters.indices(free) if not parameters.items[i].group], dtype=np.intp)
-    linear = rows.at(np.zeros(len(parameters)))
-    stacked = linear.weighted(np.where(rows.seen, 1.0, np.inf), index, parameters.scales[index])[:, :-1]
-    stated = len(parameters.prior_rows(free)) + len(rows.values(np.zeros(len(parameters)))[0])
-    equations, rank, count = int(rows.seen.sum()) + stated, numerical_rank(stacked), len(rows.data)
-    if not free or (equations > rank if estimated else equations >= rank > 0):
-        return
-    unknowns = len(free) if rank == equations else rank  # so few rows cannot tell how many there are to see
-    wanted = max(count + 1, (unknowns + 1) * count // max(equations, 1) + 1)
-    raise RefusedError(
-        f"{count} poses give {equations} equations for at least {rank} unknowns: nothing would be left "
-        f"to judge the fit by; measure {wanted} poses or more (three times as many are sensible), or hold "
-        "parameters with 'fix'"
-    )

@@ -102,16 +102,13 @@ class Groups:
         variances = self.variances_without(groups)
         system = self.model.system
         linear, spread = system.rows.at(self.x), self.model.spread(variances)
-        known = [
-            system.prior_rows(self.x),
-            *(system.size_rows(self.x, g) / variances.factors[g] for g in system.groups),
-        ]
+        known = system.known_rows(self.x, variances.factors)
         out = np.zeros_like(linear.r)
         for fold in folds:
             own = spread.copy()
             own[fold] = np.inf
             rows = system.picked(linear, own)
-            stacked = np.vstack([rows, *known])
+            stacked = np.vstack([rows, known])
             y = np.linalg.lstsq(stacked[:, :-1], -stacked[:, -1], rcond=None)[0]
             loose = np.flatnonzero(system.before.nearly_free & ~rows[:, :-1].any(axis=0))
             if loose.size:

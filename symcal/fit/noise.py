@@ -6,19 +6,17 @@ Unknown sigmas without a robust loss are variance components (`symcal.fit.varian
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
 from symcal.fit.residual_rows import Rows
+from symcal.fit.robust import Loss, loss_weights, shrinkage
 from symcal.model.measurement import Group
 
 Array = NDArray[np.float64]
-Loss = Literal["linear", "huber", "cauchy"]
-
-_HUBER_QUANTILE = 0.95  # of the block norm's chi distribution: where a residual starts to count less
 
 
 def known_sigma(rows: Rows, stated: Mapping[str, float]) -> Array:
@@ -76,6 +74,27 @@ def block_sigmas(
     return out
 
 
+def weighted_sigmas(
+    rows: Rows, residual: Array, missing: NDArray[np.bool_], weights: Array, taken: Mapping[str, float], loss: Loss
+) -> dict[str, float]:
+    """Sigma per group from the readings that count: the weighted mean square, consistent at the normal law.
+
+    What is left out is left out of both sums, so that gross errors do not make it larger.
+
+    Args:
+        missing: components whose noise is not known, shape (N, m). weights: robust ones, shape (N, m). taken: by group,
+            how many of its weighted equations the parameters have taken.
+    """
+    out: dict[str, float] = {}
+    for group in rows.measurement.groups:
+        if group.name in taken:
+            own = np.where(missing, weights, 0.0)[:, list(group.columns)]
+            square = float(np.sum(own * residual[:, list(group.columns)] ** 2))
+            left = max(float(own.sum()) - taken[group.name], 1.0) * shrinkage(loss, group.block)
+            out[group.name] = max(float(np.sqrt(square / left)), group.floor)
+    return out
+
+
 def robust_weights(rows: Rows, residual: Array, known: Array, sigmas: Mapping[str, float], loss: Loss) -> Array:
     """Weights of iteratively reweighted least squares, one per block, spread over its components."""
     spread = spread_of(rows, known, sigmas, np.ones_like(residual))
@@ -83,7 +102,6 @@ def robust_weights(rows: Rows, residual: Array, known: Array, sigmas: Mapping[st
     weights = rows.seen.astype(float)
     for group in rows.measurement.groups:
         norms = np.linalg.norm(_blocks(group, white), axis=2)
-        t = norms / np.sqrt(2 * gammaincinv(group.block / 2, _HUBER_QUANTILE))
-        w = 1 / np.maximum(t, 1.0) if loss == "huber" else 1 / (1 + t**2)
+        w = loss_weights(loss, norms, group.block)
         weights[:, list(group.columns)] *= np.repeat(w, group.block, axis=1)
     return weights

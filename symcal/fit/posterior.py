@@ -103,18 +103,24 @@ def predicted_rms(jacobian: Array, covariance: Array) -> Array:
 
 
 def posterior_of(
-    names: tuple[str, ...], scales: Array, found: Components, blocks: tuple[Block, ...], assumed: Array
+    names: tuple[str, ...],
+    scales: Array,
+    found: Components,
+    blocks: tuple[Block, ...],
+    assumed: Array,
+    covariance: Array | None = None,
 ) -> Posterior:
     """The posterior of x = x_ref + S y.
 
     Args:
         scales: diagonal of S, shape (n,). found: of y, at the most likely variances. assumed: standard deviations of x
-            before the data, shape (n,).
+            before the data, shape (n,). covariance: of y at given variances, where it is not A^-1: that of a robust
+            estimate (`symcal.fit.sandwich`).
     """
     n = len(names)
     uncertainty, open_ = np.zeros_like(found.fisher), np.flatnonzero(~found.held)
     uncertainty[np.ix_(open_, open_)] = 2 * np.linalg.pinv(found.fisher[np.ix_(open_, open_)], hermitian=True)
-    inner = found.covariance
+    inner = found.covariance if covariance is None else covariance
     halves = [
         found.root @ (np.exp(-0.5 * p) * block.rows[:, :n] @ found.root).T
         for block, p in zip(blocks, found.phi, strict=True)

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
-from symcal.fit.noise import Loss, block_sigmas, robust_weights, spread_of
+from symcal.fit.noise import block_sigmas, robust_weights, spread_of, weighted_sigmas
 from symcal.fit.residual_rows import Linear
+from symcal.fit.robust import Loss
 from symcal.fit.variance_components import Block, Components, Tie, at_variances, compressed, most_likely
 from symcal.fit.whitened import LINKS, Whitened
 from symcal.model.measurement import Group
@@ -160,6 +161,15 @@ class VarianceModel:
 
     def _group(self, name: str) -> Group:
         return next(g for g in self.system.rows.measurement.groups if g.name == name)
+
+    def from_what_counts(self, x: Array, variances: Variances) -> Variances:
+        """The noise from the readings that count, by their weights."""
+        found, blocks = self.at(x, variances)
+        names = [*self.estimated, *map(size_name, self.factors)]
+        taken = self._taken(names, list(blocks), found)
+        rows = self.system.rows
+        own = weighted_sigmas(rows, rows.residual(x), self.missing, variances.weights, taken, self.loss)
+        return replace(variances, sigmas=variances.sigmas | own)
 
     def _robust(self, x: Array, variances: Variances) -> Variances:
         """Noise from the median of the residuals, then the weights that go with it."""

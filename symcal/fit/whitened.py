@@ -95,8 +95,12 @@ class Whitened:
         Args:
             factors: on the sizes, by group.
         """
+        return np.vstack([self.data_rows(x, spread), self.known_rows(x, factors)])
+
+    def known_rows(self, x: Array, factors: Mapping[str, float]) -> Array:
+        """Whitened rows of all that is known without the measurements, shape (k, n + 1)."""
         sizes = [self.size_rows(x, group) / factors[group] for group in self.groups]
-        return np.vstack([self.data_rows(x, spread), self.prior_rows(x), *sizes])
+        return np.vstack([self.prior_rows(x), *sizes])
 
     def factors(self, factors: Mapping[str, float]) -> Array:
         """Those of every free parameter, shape (n,); 1 of those without a size."""

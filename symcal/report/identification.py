@@ -25,6 +25,7 @@ from symcal.report.measured import (
     observers,
     observers_named,
 )
+from symcal.report.outliers import loss_words, outliers_text
 from symcal.report.parameter_table import parameter_table
 from symcal.report.verdict import judging_part, usable, verdict
 from symcal.words import MINUS, fixed, listed, number, plural
@@ -64,6 +65,7 @@ def identification_text(content: Content) -> dict[str, Any]:
         "warnings": list(content.get("warnings", [])),
         "accuracy": _accuracy(content),
         "instruments": instruments_text(content),
+        "outliers": outliers_text(content),
         "images": images_text(content),
         "extension": extension_text(content),
         "identifiability": _identifiability(content),
@@ -242,6 +244,9 @@ def _facts(content: Content) -> list[list[str]]:
             "parameters' worth that was learnt from them",
         ],
     ]
+    loss = loss_words(content)
+    if loss is not None:
+        facts.insert(1, ["loss", loss])
     if found.get("chi_squared") is not None:
         facts.append(["chi-squared", f"{number(found['chi_squared'], 4)}: squared residuals over their variances"])
     facts.append(["random seed", str(content["seed"])])

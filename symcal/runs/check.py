@@ -191,8 +191,9 @@ def _sampled(model: Model) -> Array:
 
 def _conditions(robot: Robot, count: int, rng: np.random.Generator) -> dict[str, Array]:
     """What joint terms depend on beside readings, as it may be: either direction, with and without a load."""
+    loads, ways = (0.0, _LOAD), (-1.0, 1.0)
     return {
-        name: _LOAD * rng.integers(0, 2, count) if name == PAYLOAD else rng.choice([-1.0, 1.0], count)
+        name: np.asarray(rng.choice(loads if name == PAYLOAD else ways, count), dtype=np.float64)
         for name in robot.conditions
     }
 

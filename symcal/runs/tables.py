@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import pandas as pd
 
 from symcal.calibration.evaluate import Errors
 from symcal.calibration.identify import Calibration
+from symcal.calibration.outliers import Outlier
 from symcal.data.dataset import Dataset
 from symcal.export.corrections import corrections
 
@@ -19,8 +21,8 @@ _MANY = 12  # points of a target, beyond which people want to see poses
 def tables(
     content: Mapping[str, Any], calibration: Calibration, data: Dataset, errors: Mapping[str, Mapping[str, Errors]]
 ) -> dict[str, pd.DataFrame]:
-    """Parameters, accuracy, errors per observation (per pose of targets with many points), correlation, and the
-    corrections as a controller asks for them.
+    """Parameters, accuracy, errors per observation (per pose of targets with many points), correlation, outliers,
+    and the corrections as a controller asks for them.
 
     Args:
         content: of results.json. errors: by data (`train`, `test`) and state.
@@ -45,6 +47,7 @@ def tables(
         "accuracy": accuracy,
         "errors": _error_table(data, errors),
         "correlation": matrix,
+        "outliers": pd.DataFrame(content["outliers"], columns=[column.name for column in fields(Outlier)]),
         "corrections": corrections(calibration.robot),
     }
 

@@ -1,0 +1,168 @@
+"""Readings that are no accident at the noise of the others: which, how far off, and what changes without them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symcal.calibration.evaluate import without_rigid_motion
+from symcal.data.dataset import Dataset
+from symcal.fit.deletion import Judged, Pile, judged, piles, without
+from symcal.fit.estimation import Fit
+from symcal.fit.noise import known_sigma, spread_of
+from symcal.fit.residual_rows import rows_of
+from symcal.fit.whitened import Whitened, whitened
+from symcal.model.model import Model
+from symcal.units import DEGREES, SHOWN_UNITS
+
+Array = NDArray[np.float64]
+
+_CROWD = 0.2  # share of the poses from which they may be too many to be slips
+_STANDS_OUT = 4.0  # medians: a residual larger than this is one slip that spoils the others
+
+
+@dataclass(frozen=True, slots=True)
+class Outlier:
+    """One reading.
+
+    pose: its label. instrument, quantity, group: what read what, and the noise that it was judged by. point: which
+    point or axis, empty where there is one. off: distance from where all good readings put it, in ``unit``; noises: the
+    same over their noise per axis.
+    weight: with which it counted. parameter, sigmas: of what the estimate would be without it, the parameter that
+    changes most for its standard deviation, and by how many; tool_mm: rms change of the tool over the training poses.
+    """
+
+    pose: str
+    instrument: str
+    quantity: str
+    group: str
+    point: str
+    off: float
+    unit: str
+    noises: float
+    weight: float
+    parameter: str
+    sigmas: float
+    tool_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Crowd:
+    """So many poses of a group stand out, about equally, that they are no slips. of: poses that were read."""
+
+    group: str
+    poses: int
+    of: int
+
+
+@dataclass(frozen=True, slots=True)
+class StandingOut:
+    """listed: outliers, the furthest first, group by group. crowds: where there are too many of them."""
+
+    listed: tuple[Outlier, ...] = ()
+    crowds: tuple[Crowd, ...] = ()
+
+
+def outliers(model: Model, data: Dataset, after: Fit, prior_mean: Array) -> StandingOut:
+    """Readings of training data that the noise of the others does not explain.
+
+    What changes without one is by linear algebra: all variances, and the weights of the others, as they are.
+
+    Args:
+        data: what the fit was of. prior_mean: as the fit had it.
+    """
+    free = set(after.free)
+    rows = rows_of(
+        model.measurement, data, after.setup, model.residuals, [name for name in model.placement if name not in free]
+    ).decorrelated()
+    system = whitened(rows, after.free, np.zeros(len(after.x)), prior_mean)
+    known = known_sigma(rows, {name: s for name, s in after.sigmas.items() if name not in after.estimated})
+    beforehand = system.known_rows(after.x, after.every_factor)
+    given = piles(system, after.x, known)
+    there = [p for p in given if p.there.any()]
+    sigmas = {p.group.name: float(after.sigmas.get(p.group.name, 1.0)) for p in there}
+    listed: list[Outlier] = []
+    crowds: list[Crowd] = []
+    changes = _Changes(model, data, after, system, spread_of(rows, known, after.sigmas, after.weights))
+    for pile, found in zip(there, judged(tuple(there), beforehand, sigmas, after.loss), strict=True):
+        crowd = _crowd(pile, found, sigmas[pile.group.name])
+        if crowd is not None:
+            crowds.append(crowd)
+        else:
+            worst = np.flatnonzero(found.bad)[np.argsort(-found.test[found.bad], kind="stable")]
+            listed += [_outlier(changes, pile, found, int(i)) for i in worst]
+    return StandingOut(tuple(listed), tuple(crowds))
+
+
+def _crowd(pile: Pile, found: Judged, sigma: float) -> Crowd | None:
+    """Where many poses stand out and none of them by far."""
+    norms = np.linalg.norm(pile.white(sigma)[:, :, -1], axis=1)
+    by_pose = np.zeros(pile.pose.max() + 1)
+    np.maximum.at(by_pose, pile.pose, norms)
+    poses, of = len(set(pile.pose[found.bad].tolist())), len(set(pile.pose[pile.there].tolist()))
+    if poses <= _CROWD * of or by_pose.max() >= _STANDS_OUT * np.median(by_pose[by_pose > 0]):
+        return None
+    return Crowd(pile.group.name, poses, of)
+
+
+@dataclass(frozen=True, slots=True)
+class _Changes:
+    """What an estimate is asked about when a reading is left out; spread: with robust weights, shape (N, m)."""
+
+    model: Model
+    data: Dataset
+    after: Fit
+    system: Whitened
+    spread: Array
+
+    def without(self, pile: Pile, i: int) -> Array:
+        """Errors of the free parameters without a reading, less those with it, shape (n,), mm and rad."""
+        columns = list(pile.group.columns)[pile.place[i] * pile.group.block :][: pile.group.block]
+        own = self.spread[pile.pose[i], columns]
+        rows = pile.rows[i] * (np.isfinite(own) / np.where(np.isfinite(own), own, 1.0))[:, None]
+        stacked = self.system.rows_at(self.after.x, self.spread, self.after.every_factor)
+        return np.asarray(self.system.scales * without(stacked, rows))
+
+    def tool(self, change: Array) -> float:
+        """Rms change of the tool (or of its points) over the training poses, mm."""
+        at, slopes = self.model.points(self.data.q, self.after.x, self.after.setup.vector)
+        if self.model.measurement.adrift:
+            slopes = without_rigid_motion(at.reshape(-1, 3), slopes)
+        moved = slopes[:, :, self.system.index] @ change
+        return float(np.sqrt(np.mean(np.sum(moved.reshape(-1, 3) ** 2, axis=1))))
+
+
+def _outlier(changes: _Changes, pile: Pile, found: Judged, i: int) -> Outlier:
+    group, after = pile.group, changes.after
+    change = changes.without(pile, i)
+    in_sigmas = change / after.posterior.sigmas
+    most = int(np.abs(in_sigmas).argmax()) if len(change) else 0
+    spread = np.where(np.isfinite(pile.known[i]), pile.known[i], found.sigma)
+    off = found.off[i] if changes.system.rows.mixing is None else found.off[i] / spread
+    first = group.columns[int(pile.place[i]) * group.block]  # sessions of an entry share a group
+    part = next(p for p in changes.model.measurement.parts if p.components.start <= first < p.components.stop)
+    features = part.observation.features
+    point = features[(first - part.components.start) * part.features // part.size] if len(features) > 1 else ""
+    return Outlier(
+        pose=changes.data.labels[pile.pose[i]],
+        instrument=part.observation.name,
+        quantity=group.quantity,
+        group=group.name,
+        point=point,
+        off=float(np.linalg.norm(off)) * (DEGREES if group.unit == "rad" else 1.0),
+        unit=SHOWN_UNITS[group.unit],
+        noises=float(np.linalg.norm(np.where(pile.seen[i], found.off[i] / spread, 0.0))),
+        weight=float(after.weights[pile.pose[i], first]),
+        parameter=after.free[most] if len(change) else "",
+        sigmas=float(in_sigmas[most]) if len(change) else 0.0,
+        tool_mm=changes.tool(change),
+    )
+
+
+def outlier_facts(found: Sequence[Outlier]) -> list[dict[str, Any]]:
+    """Outliers as plain data (results.json)."""
+    return [asdict(each) for each in found]

@@ -1,7 +1,7 @@
 """Whether the model of an identification explains its training data, and if not, what the residuals follow.
 
 Lack of fit says whether something is missing (`symcal.calibration.lack_of_fit`), score tests say what
-(`symcal.fit.score`, `symcal.calibration.patterns`). Of patterns that resemble each other the one of least probability is
+(`symcal.fit.score`, `symcal.calibration.patterns`). Of patterns that resemble each other the least probable one is
 taken into the model first, and the others are tested again beside it: what is left are the causes. p-values are
 corrected for their number ([Holm1979]).
 """
@@ -39,12 +39,13 @@ _STEADY = 0.02  # of its mean: a reach that varies by less is none
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A pattern that was tested; unit: of amplitude, rad or mm of the joint, or of a reading that drifts.
+    """A pattern that was tested.
 
-    p: of this test alone (log_p: its logarithm); corrected: for the number of all. beside: of it beside the causes, corrected; of a cause, when
-    it was found. amplitude: of a wave; half of the play; of a drift, over the whole run; of others, half of what the
-    joint moves by over the poses. at_tool: what a joint's amplitude is at the tool, rms over the poses, mm. rms, of: of
-    what the pattern explains of the residuals of its noise group, and of these, in the group's unit, by reading.
+    p: of this test alone; corrected: for the number of all. beside: beside the causes, corrected; of a cause, when it
+    was found. weight: what ranks it. unit: of amplitude, rad or mm of the joint, or that of a reading that drifts.
+    amplitude: of a wave; half of the play; of a drift, over the whole run; of others, half of what the joint moves by
+    over the poses. at_tool: what a joint's amplitude is at the tool, rms over the poses, mm. rms, of: of what the
+    pattern explains of the residuals of its noise group, and of these, in the group's unit, by reading.
     """
 
     kind: Kind
@@ -53,7 +54,7 @@ class Found:
     corrected: float
     joint: int = 0
     k: int = 0
-    log_p: float = 0.0
+    weight: float = 0.0
     beside: float = 1.0
     amplitude: float | None = None
     unit: str = ""
@@ -69,7 +70,7 @@ class Found:
 class ModelCheck:
     """What was found; made by `model_check`.
 
-    lack: of every noise group. tests: all of them. causes: the significant ones that explain the others, foremost first.
+    lack: of every noise group. tests: all of them. causes: significant ones that explain the others, foremost first.
     untested: joints that have no zero in the robot file. along: residuals along the motion of each joint, shape (N,
     dof), in ``unit`` of the group ``group``; NaN where it was not read. explained: what a wave that is a cause explains
     of them, by joint, shape (N,).
@@ -140,9 +141,10 @@ def _score(system: VarianceModel, own: PoseRows, variances: Variances, after: Fi
 def _residuals(system: VarianceModel, after: Fit) -> dict[int, tuple[float, float]]:
     """By noise group the rms of its residuals by reading, and of these over their standard deviations, summed."""
     rows = system.system.rows
-    r = rows.residual(after.x)
+    r: Array = rows.residual(after.x)
     if rows.mixing is not None:  # back from principal axes
-        r = np.linalg.solve(np.where(rows.seen[:, :, None], rows.mixing, np.eye(r.shape[1])), r[:, :, None])[:, :, 0]
+        whole = np.where(rows.seen[:, :, None], rows.mixing, np.eye(r.shape[1]))
+        r = np.asarray(np.linalg.solve(whole, r[:, :, None])[:, :, 0], dtype=np.float64)
     out = {}
     for number, group in enumerate(rows.measurement.groups):
         columns = list(group.columns)
@@ -181,9 +183,10 @@ class _Search:
         left = {pattern.name: pattern for pattern in self.patterns if pattern.name in found}
         now = found
         while len(causes) < _CAUSES:
-            best = min((now[name] for name in left), key=lambda each: each.log_p, default=None)
-            if best is None or best.beside >= LEVEL:
+            significant = [now[name] for name in left if now[name].beside < LEVEL]
+            if not significant:
                 break
+            best = max(significant, key=lambda each: each.weight)
             pattern = left.pop(best.name)
             tested = score.test(pattern.columns)
             if best.kind == "harmonic" and tested is not None:
@@ -226,7 +229,7 @@ class _Search:
             tested.p,
             pattern.joint,
             pattern.k,
-            log_p=tested.log_p,
+            weight=tested.weight,
             amplitude=amplitude,
             unit=pattern.unit,
             at_tool=None if lever is None else amplitude * lever,
@@ -258,9 +261,10 @@ class _Search:
         squares, count = score.sizes()
         seen = np.flatnonzero(count)
         reach = self.levers[seen, turning[0]]
-        if len(seen) <= 3 or np.std(reach) < _STEADY * np.mean(reach):
+        sizes = chdtr(count[seen], squares[seen])
+        if len(seen) <= 3 or np.std(reach) < _STEADY * np.mean(reach) or np.ptp(sizes) == 0:
             return None
-        rank = spearmanr(reach, chdtr(count[seen], squares[seen]))
+        rank = spearmanr(reach, sizes)
         name = f"the distance from the axis of joint {turning[0] + 1}, in size"
         return Found("reach", name, float(rank.pvalue), float(rank.pvalue), correlation=float(rank.statistic))
 

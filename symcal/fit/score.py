@@ -12,8 +12,12 @@ b on the data rows is V^-1 r, V the covariance of the data when parameters are d
 c^T V^-1 c: S is the score of the marginal likelihood over its standard deviation, squared, and parameters that are held
 back by their priors are accounted for ([Cox1974] ch. 9 for scores; [Cook1982] for added variables). Then
 S / (f nu) is Beta(d / 2, (nu - d) / 2), as for the F test, where f is the variance of what is left and nu its degrees
-of freedom. Both are taken by noise group; then, where a pose has more rows than the robot has joints, of what the
-joints can move alone: readings of one pose that share an error count once. Ours.
+of freedom: by noise group, and, where a pose has more rows than the robot has joints, of what joints can move alone.
+
+Joints that do not repeat make residuals larger where levers are long, and alike for all that is read of a pose. Where
+poses are enough to tell, the probability is therefore that of S with the scatter of the shares of each pose for its
+variance ([White1980]), with as many degrees of freedom as poses count. That it is Beta as above is Hotelling's, and
+the use of it here ours.
 """
 
 from __future__ import annotations
@@ -32,6 +36,7 @@ Array = NDArray[np.float64]
 FEWEST = 3.0
 """Degrees of freedom without which no pattern is looked for."""
 _GONE = 1e-6  # of a column: what is left of it is rounding
+_ENOUGH = 30  # poses whose scatter tells by how much S scatters
 _TINY = 1e-290  # probabilities below are about to be nothing
 _ALL = 1e-12  # of the residuals: as good as all
 
@@ -40,12 +45,13 @@ _ALL = 1e-12  # of the residuals: as good as all
 class Tested:
     """A pattern of d columns, tested.
 
-    log_p: of p, to first order where p is no longer a number. coefficients: of the columns, as they would be estimated, shape (d,); zero of those that others can stand for.
+    weight: minus the logarithm of the probability when all poses scatter alike: ranks patterns. coefficients: of the
+    columns, as they would be estimated, shape (d,); zero of those that others can stand for.
     pattern: what they explain of the rows when all else is estimated again, shape (k,), in standard deviations.
     """
 
     p: float
-    log_p: float
+    weight: float
     columns: int
     coefficients: Array
     pattern: Array
@@ -57,6 +63,7 @@ class Score:
 
     rows: whitened anew, so that those of every noise group have variance one. q: shape (K, n'), b: shape (K,), the data
     first. variance, dof: f and nu, beyond that of the groups. scales: by which rows were multiplied, shape (k,).
+    uneven: the poses are enough to tell how they scatter, which they need not do alike.
     """
 
     rows: PoseRows
@@ -65,6 +72,7 @@ class Score:
     variance: float
     dof: float
     scales: Array
+    uneven: bool
 
     def test(self, columns: Array) -> Tested | None:
         """Whether the residuals follow some columns, shape (k, d); None where it cannot be told."""
@@ -74,14 +82,13 @@ class Score:
             return None
         along = directions.T @ self.b
         share = min(float(along @ along) / (self.variance * self.dof), 1 - _ALL)
-        explained = (directions @ along)[: len(self.scales)]
-        p = float(betaincc(d / 2, (self.dof - d) / 2, share))
+        p = _probability(d, self.dof, share)
         return Tested(
-            p=p,
-            log_p=float(np.log(p)) if p > _TINY else (self.dof - d) / 2 * float(np.log1p(-share)),
+            p=self._by_pose(directions, along) if self.uneven else p,
+            weight=-float(np.log(p)) if p > _TINY else -(self.dof - d) / 2 * float(np.log1p(-share)),
             columns=d,
             coefficients=-back @ along,
-            pattern=explained / self.scales,
+            pattern=(directions @ along)[: len(self.scales)] / self.scales,
         )
 
     def with_columns(self, columns: Array) -> Score:
@@ -114,6 +121,20 @@ class Score:
             back[kept] = solve_triangular(np.triu(basis.T @ own[:, kept]), np.eye(len(kept)))
         return basis, back
 
+    def _by_pose(self, directions: Array, along: Array) -> float:
+        """Probability of S where the scatter of what each pose adds to it is its variance."""
+        blocks, beyond = self.rows.by_pose(directions[: len(self.scales)]), directions[len(self.scales) :]
+        own = np.einsum("nhd,nh->nd", blocks, self.rows.by_pose(self.data))
+        took = np.einsum("nhd,nhj->ndj", blocks, self.rows.by_pose(self.taken))
+        weight = np.sum(blocks**2, axis=(1, 2))
+        left = 1 - float(np.sum(took**2)) / float(weight.sum())
+        triangle = np.linalg.qr(np.vstack([own / np.sqrt(left), beyond]), mode="r")  # beyond: known beforehand
+        count = float(np.sum(directions**2) ** 2 / np.sum(weight**2))
+        if np.abs(np.diag(triangle)).min() < _ALL * np.abs(triangle).max() or count < len(along) + 1:
+            return 1.0
+        statistic = solve_triangular(triangle, along, trans="T")
+        return _probability(len(along), count, float(statistic @ statistic) / count)
+
     @property
     def taken(self) -> Array:
         """Q of the data rows, shape (k, n')."""
@@ -129,7 +150,7 @@ class Score:
         count = np.bincount(self.rows.pose)
         free = count - np.bincount(self.rows.pose, np.sum(self.taken**2, axis=1))
         squares = np.bincount(self.rows.pose, self.data**2) / self.variance
-        return count * squares / np.maximum(free, _GONE), count
+        return np.asarray(count * squares / np.maximum(free, _GONE)), np.asarray(count, dtype=np.float64)
 
     def neighbours(self, moved: Displacement) -> tuple[float, float] | None:
         """Correlation of what looks like displacements of consecutive poses, and its probability when there is none.
@@ -159,6 +180,11 @@ class Score:
         if spread <= 0:
             return None
         return float(np.sum(g * _beside(g)) / total), float(ndtr(-off / np.sqrt(2 * spread)))
+
+
+def _probability(columns: int, dof: float, share: float) -> float:
+    """That a share of so many degrees of freedom falls to some columns."""
+    return float(betaincc(columns / 2, (dof - columns) / 2, min(share, 1 - _ALL)))
 
 
 def _beside(values: Array) -> Array:
@@ -195,7 +221,8 @@ def score_of(rows: PoseRows, slopes: Array, known: Array, joints: Array) -> Scor
                 scales[own] = np.sqrt(free / squares)
         if (scales == 1).all():
             break
-    score = Score(rows, q, b, 1.0, 0.0, scales)
+    poses = len(np.unique(rows.pose))
+    score = Score(rows, q, b, 1.0, 0.0, scales, uneven=poses >= _ENOUGH)
     variance, dof = _common(score, joints)
     return replace(score, variance=variance, dof=dof) if dof > FEWEST and variance > 0 else None
 

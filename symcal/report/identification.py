@@ -24,6 +24,7 @@ from symcal.report.measured import (
     observers,
     observers_named,
 )
+from symcal.report.model_check import model_check_text
 from symcal.report.parameter_table import parameter_table
 from symcal.report.verdict import judging_part, usable, verdict
 from symcal.words import MINUS, fixed, listed, number, plural
@@ -64,6 +65,7 @@ def identification_text(content: Content) -> dict[str, Any]:
         "accuracy": _accuracy(content),
         "instruments": instruments_text(content),
         "images": images_text(content),
+        "model_check": model_check_text(content.get("model_check")),
         "identifiability": _identifiability(content),
         "parameters": parameter_table(content["identification"]["parameters"], content.get("settled", {})),
         "frames": frame_table(content),

@@ -195,7 +195,7 @@ def draws(case: str, count: int, seed: int = 0) -> list[ModelCheck]:
         try:
             found.append(made(np.random.default_rng([seed, i])))
         except RefusedError as error:
-            print(f"  {case} {i}: {error}")
+            sys.stdout.write(f"  {case} {i}: {error}\n")
     return found
 
 
@@ -231,4 +231,5 @@ def told_of(found: list[ModelCheck], case: str) -> str:
 if __name__ == "__main__":
     wanted = sys.argv[2:] or [*PLANTED, *GOOD]
     for name in wanted:
-        print(told_of(draws(name, int(sys.argv[1]) if len(sys.argv) > 1 else 200), name), flush=True)
+        sys.stdout.write(told_of(draws(name, int(sys.argv[1]) if len(sys.argv) > 1 else 200), name) + "\n")
+        sys.stdout.flush()

@@ -28,7 +28,7 @@ from symcal.model.model import build_model
 Array = NDArray[np.float64]
 
 
-# --------------------------------------------------------------------------------------------- the statistics themselves
+# -------------------------------------------------------------------------------------------- the statistics themselves
 
 
 def made(poses: int, rng: np.random.Generator, n: int = 6) -> tuple[PoseRows, Array]:
@@ -122,9 +122,7 @@ def test_the_column_of_a_term_is_that_of_a_model_that_has_it() -> None:
 
 def test_terms_that_the_robot_has_are_not_tried() -> None:
     rng = np.random.default_rng(5)
-    model = build_model(
-        replace(ARM, terms=(Harmonics(3, True, k=(1,)),)), drawn.model_of(ARM, "position").task
-    )
+    model = build_model(replace(ARM, terms=(Harmonics(3, True, k=(1,)),)), drawn.model_of(ARM, "position").task)
     errors = {n: e for n, e in random_errors(model, rng).items() if not n.startswith("q3")}
     data = measure(model, errors, 40, rng, 0.05)
     names = {test.name for test in model_check(calibrate(model, None, data, Options()), data, Options()).tests}
@@ -192,7 +190,7 @@ def test_good_data_have_uniform_probabilities() -> None:
     assert sum(lacks_physics(check) for check in good()) <= 3
 
 
-def test_shuffled_probabilities_would_be_noticed() -> None:
+def test_halved_probabilities_would_be_noticed() -> None:
     """The witness can fail: halved p-values are not uniform."""
     halved = [replace(c, tests=tuple(replace(t, p=t.p / 2) for t in c.tests)) for c in good()]
     assert drawn.uniform(halved) < 1e-3

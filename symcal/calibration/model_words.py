@@ -3,31 +3,46 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
+from symcal.calibration.candidates import AUTO
 from symcal.calibration.lack_of_fit import LackOfFit
 from symcal.calibration.model_check import LEVEL, Found, ModelCheck
 from symcal.calibration.patterns import Kind
 from symcal.joints.backlash import direction_name
 from symcal.words import listed, number
 
-_AUTO = "add `identification: {extend: auto}`"
 _REFERENCE = "measure a reference posture now and then"
 _TIMES = {1: "once", 2: "twice"}
-_IN_AUTO = 2  # highest wave that `extend: auto` tries
+_NAMED = 2  # kinds of cause, and waves, that the sentence names
+_KINDS: dict[Kind, str] = {
+    "gravity": "gravity",
+    "harmonic": "waves of joints",
+    "angle": "readings of joints",
+    "direction": "directions of approach",
+    "drift": "the order of the measurements",
+    "neighbours": "the measurement before",
+    "reach": "the reach",
+}
 _SHOWN: dict[str, tuple[str, float]] = {"rad": ("mrad", 1e3), "mm": ("mm", 1.0), "px": ("px", 1.0)}
 
 
 def model_sentence(check: ModelCheck) -> str:
-    """The verdict: what the residuals follow and what to switch on or measure, or that no test finds a pattern."""
+    """The verdict: what the residuals follow and what to switch on or measure, or that no test finds a pattern.
+
+    The foremost causes are named; all of them are in the facts.
+    """
     if check.causes:
         by_kind: dict[Kind, list[Found]] = {}
         for cause in check.causes:
             by_kind.setdefault(cause.kind, []).append(cause)
-        said = [_SAID[kind](own) for kind, own in by_kind.items()]
-        followed = "; they ".join(what for what, _ in said)
-        return f"the residuals {followed}: {'; '.join(dict.fromkeys(advice for _, advice in said))}"
+        said = [_SAID[kind](own) for kind, own in list(by_kind.items())[:_NAMED]]
+        followed = "; they ".join(each.what for each in said)
+        more = list(by_kind)[_NAMED:]
+        others = f"; less so {listed([_KINDS[kind] for kind in more])} (see the table)" if more else ""
+        advice = [each.means for each in said if each.means] + _extended([g for each in said for g in each.groups])
+        return f"the residuals {followed}{others}: {'; '.join(advice)}"
     if not check.tests:
         nothing = "the measurements leave too little over to look for a pattern in the residuals"
     else:
@@ -78,61 +93,75 @@ def _size(cause: Found) -> str:
     return f"{own}, {number(cause.at_tool, 2)} mm at the tool"
 
 
-def _gravity(causes: Sequence[Found]) -> tuple[str, str]:
-    return f"follow gravity at {_joints(causes)} {_measure(causes[0])}", _AUTO
+def _extended(groups: Sequence[str]) -> list[str]:
+    """What to switch on."""
+    if not groups:
+        return []
+    wanted = "auto" if set(groups) <= set(AUTO) else f"[{', '.join(dict.fromkeys(groups))}]"
+    return [f"add `identification: {{extend: {wanted}}}`"]
 
 
-def _waves(causes: Sequence[Found]) -> tuple[str, str]:
-    waves = [
-        f"joint {c.joint}, {_TIMES.get(c.k, f'{c.k} times')} to a turn {_measure(c, _size(c))}"
-        for c in sorted(causes, key=lambda c: (c.joint, c.k))
-    ]
-    more = [f"harmonics {k}" for k in sorted({c.k for c in causes})]
-    advice = _AUTO
-    if any(c.k > _IN_AUTO for c in causes):
-        advice = f"add `identification: {{extend: [{', '.join(more)}]}}`"
-    return f"follow a wave of {listed(waves)}", f"an eccentric encoder or gear would do that; {advice}"
+@dataclass(frozen=True, slots=True)
+class _Said:
+    """what: the residuals do. means: what does that, or what to measure. groups: of terms that would take it up."""
+
+    what: str
+    means: str
+    groups: tuple[str, ...] = ()
 
 
-def _angles(causes: Sequence[Found]) -> tuple[str, str]:
+def _gravity(causes: Sequence[Found]) -> _Said:
+    return _Said(f"follow gravity at {_joints(causes)} {_measure(causes[0])}", "", ("gravity",))
+
+
+def _waves(causes: Sequence[Found]) -> _Said:
+    waves = [f"joint {c.joint}, {_TIMES.get(c.k, f'{c.k} times')} to a turn {_measure(c, _size(c))}" for c in causes]
+    more = [f"{len(waves) - _NAMED} more"] if len(waves) > _NAMED else []
+    groups = tuple(f"harmonics {k}" for k in sorted({c.k for c in causes}))
+    means = "an eccentric encoder or gear would do that"
+    return _Said(f"follow a wave of {listed([*waves[:_NAMED], *more])}", means, groups)
+
+
+def _angles(causes: Sequence[Found]) -> _Said:
     what = f"grow with the reading of {_joints(causes)} {_measure(causes[0], f'{_size(causes[0])} to either side')}"
-    return what, "a wrong gear ratio would do that; add `identification: {extend: [ratio]}`"
+    return _Said(what, "a wrong gear ratio would do that", ("ratio",))
 
 
-def _directions(causes: Sequence[Found]) -> tuple[str, str]:
+def _directions(causes: Sequence[Found]) -> _Said:
     what = f"depend on the direction from which {_joints(causes)} came {_measure(causes[0], _size(causes[0]))}"
-    if all(cause.stated for cause in causes):
-        return what, f"play does that; {_AUTO}"
     columns = [direction_name(joint) for joint in sorted({c.joint for c in causes if not c.stated})]
-    return what, f"play does that; give the column{'s' if len(columns) > 1 else ''} {listed(columns)} and {_AUTO}"
+    give = f"; give the column{'s' if len(columns) > 1 else ''} {listed(columns)}" if columns else ""
+    return _Said(what, f"play does that{give}", ("backlash",))
 
 
-def _drifts(causes: Sequence[Found]) -> tuple[str, str]:
+def _drifts(causes: Sequence[Found]) -> _Said:
     unit, factor = _SHOWN[causes[0].unit]
     size = f"{number((causes[0].amplitude or 0.0) * factor, 2)} {unit} over the run"
     what = f"follow the order of the measurements {_measure(causes[0], size)}"
-    return what, f"the instrument, the target or the base moved; {_REFERENCE}"
+    return _Said(what, f"the instrument, the target or the base moved; {_REFERENCE}")
 
 
-def _neighbours(causes: Sequence[Found]) -> tuple[str, str]:
+def _neighbours(causes: Sequence[Found]) -> _Said:
     what = f"are alike from one measurement to the next {_measure(causes[0], _correlated(causes[0]))}"
-    return what, f"something changes slowly, such as a temperature; {_REFERENCE}, and mix the order of the postures"
+    means = f"something changes slowly, such as a temperature; {_REFERENCE}, and mix the order of the postures"
+    return _Said(what, means)
 
 
-def _reaches(causes: Sequence[Found]) -> tuple[str, str]:
+def _reaches(causes: Sequence[Found]) -> _Said:
     grow = "grow" if (causes[0].correlation or 0.0) > 0 else "shrink"
     what = f"{grow} with the distance from the first turning axis {_measure(causes[0], _correlated(causes[0]))}"
-    return what, (
+    means = (
         "joints that do not repeat, or an instrument that is worse at some distances; measure postures twice to tell, "
         "and give columns sigma_*"
     )
+    return _Said(what, means)
 
 
 def _correlated(cause: Found) -> str:
     return f"correlation {number(cause.correlation or 0.0, 2)}"
 
 
-_SAID: dict[Kind, Callable[[Sequence[Found]], tuple[str, str]]] = {
+_SAID: dict[Kind, Callable[[Sequence[Found]], _Said]] = {
     "gravity": _gravity,
     "harmonic": _waves,
     "angle": _angles,

@@ -6,12 +6,14 @@ from collections.abc import Sequence
 
 from symcal.calibration.held_out_places import held_out_places
 from symcal.calibration.identify import Calibration
+from symcal.calibration.model_check import ModelCheck
 from symcal.data.dataset import Dataset
 from symcal.plots.contacts import contacts, has_contacts
 from symcal.plots.convergence import convergence
 from symcal.plots.distribution import error_distribution
 from symcal.plots.image_residuals import image_residuals
 from symcal.plots.learnt import what_was_learnt
+from symcal.plots.model_check import residuals_by_joint
 from symcal.plots.parameters import correlation_matrix, parameter_corrections
 from symcal.plots.poses import errors_per_pose
 from symcal.plots.prediction import predicted_error
@@ -22,7 +24,11 @@ from symcal.words import MOSTLY
 
 
 def identification_figures(
-    calibration: Calibration, data: Dataset, errors: Comparison, against: str = "noisy measurement"
+    calibration: Calibration,
+    data: Dataset,
+    errors: Comparison,
+    against: str = "noisy measurement",
+    check: ModelCheck | None = None,
 ) -> tuple[Illustration, ...]:
     """The figures that say what an identification is worth.
 
@@ -30,7 +36,7 @@ def identification_figures(
         data: the measurements with their splits.
         errors: by part (`train`; `test`, `cross_validation`, `truth` where there are any) and state, as
             `evaluate.compare` gives them.
-        against: what the errors are taken against.
+        against: what the errors are taken against. check: of the model, whose residuals are drawn by joint.
     """
     parts: dict[str, Dataset] = {name: data.part(name) for name in ("train", "test") if name in data.split}
     labels: dict[str, Sequence[str]] = {name: part.labels for name, part in parts.items()}
@@ -46,6 +52,9 @@ def identification_figures(
         convergence(calibration, parts, places),
         singular_values(calibration.after.identifiability),
     ]
+    by_joint = None if check is None else residuals_by_joint(check, calibration.model.robot)
+    if by_joint is not None:
+        figures.append(by_joint)
     if errors.get("truth"):
         figures.insert(2, error_distribution(errors["truth"], "truth", name="true_error_distribution"))
     if (calibration.after.posterior.learnt >= MOSTLY).sum() > 1:

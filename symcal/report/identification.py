@@ -25,6 +25,7 @@ from symcal.report.measured import (
     observers,
     observers_named,
 )
+from symcal.report.model_check import model_check_text
 from symcal.report.outliers import loss_words, outliers_text
 from symcal.report.parameter_table import parameter_table
 from symcal.report.verdict import judging_part, usable, verdict
@@ -68,6 +69,7 @@ def identification_text(content: Content) -> dict[str, Any]:
         "outliers": outliers_text(content),
         "images": images_text(content),
         "extension": extension_text(content),
+        "model_check": model_check_text(content.get("model_check")),
         "identifiability": _identifiability(content),
         "parameters": parameter_table(content["identification"]["parameters"], content.get("settled", {})),
         "frames": frame_table(content),

@@ -17,11 +17,14 @@ from symcal.calibration.evaluate import Errors, evaluate_each, expected_position
 from symcal.calibration.extend import Extended, calibrate_extended, planned_model
 from symcal.calibration.extension_facts import extension_facts
 from symcal.calibration.identify import Calibration, baseline_model, calibrate
+from symcal.calibration.model_check import ModelCheck, model_check
+from symcal.calibration.model_words import model_check_facts, model_warnings
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, RenderedData, SimulatedData
 from symcal.data.dataset import Dataset
 from symcal.errors import InputError, RefusedError
 from symcal.export.results import correction_facts, handover_facts
+from symcal.fit.estimation import Options
 from symcal.images.entries import EntryImages
 from symcal.images.facts import camera_facts, point_facts
 from symcal.images.rendered_boards import RenderedBoards
@@ -43,7 +46,8 @@ class Outcome:
 
     planned: the plan behind simulated data, if they have one. handover: what compensation achieves, where the truth is
         known. images: of a simulated measurement with a camera; its errors are against the truth. measured_in: what
-        was measured in images that were given, or rendered of a board: the truth of these is in rendered.
+        was measured in images that were given, or rendered of a board: the truth of these is in rendered. check: of the
+        model by the training data.
     """
 
     experiment: Experiment
@@ -54,6 +58,7 @@ class Outcome:
     errors: Mapping[str, Mapping[str, Errors]]
     handover: Handover | None
     content: Mapping[str, Any]
+    check: ModelCheck | None = None
     images: ImageRun | None = None
     measured_in: tuple[EntryImages, ...] = ()
     rendered: RenderedBoards | None = None
@@ -106,6 +111,7 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     instruments = results.instrument_facts(experiment.model.task, by_instrument)
     notes += worse(instruments)
     content = _content(experiment, measured, inputs, calibration, errors, notes)
+    check = _with_check(content, calibration, measured, experiment.options)
     content["instruments"] = instruments
     content["extension"] = None if extended is None else extension_facts(extended)
     content["controller"] = correction_facts(calibration.robot)
@@ -124,6 +130,7 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
         errors,
         handover,
         content,
+        check,
         measured_in=found.images,
         rendered=found.rendered,
     )
@@ -159,6 +166,7 @@ def _with_images(experiment: Experiment, progress: Progress) -> Outcome:
     notes = [*found.notes, *claim(found.errors)]
     inputs = (experiment.document.path, experiment.robot_path, *found.inputs)
     content = _content(replace(experiment, model=found.model), found.data, inputs, calibration, found.errors, notes)
+    check = _with_check(content, calibration, found.data, experiment.options)
     content |= found.facts
     content["against"] = AGAINST
     content["measurement"] |= {"error": ERROR, "of_tool": True}  # positions against the truth
@@ -167,8 +175,16 @@ def _with_images(experiment: Experiment, progress: Progress) -> Outcome:
     content["controller"] = correction_facts(calibration.robot)
     content["compensation"] = handover_facts(handover)
     return Outcome(
-        experiment, found.data, found.planned, found.inputs, calibration, found.errors, handover, content, found
+        experiment, found.data, found.planned, found.inputs, calibration, found.errors, handover, content, check, found
     )
+
+
+def _with_check(content: dict[str, Any], calibration: Calibration, data: Dataset, options: Options) -> ModelCheck:
+    """The check of the model, its facts and warnings added to the content."""
+    check = model_check(calibration, data, options)
+    content["model_check"] = model_check_facts(check)
+    content["warnings"] += model_warnings(check)
+    return check
 
 
 def _handover(experiment: Experiment, calibration: Calibration, truth: Robot, rng: np.random.Generator) -> Handover:

@@ -70,7 +70,8 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
     from symcal.report import write_report
 
     progress("drawing")
-    illustrations = identification_figures(calibration, outcome.data, outcome.errors, outcome.content["against"])
+    against, check = outcome.content["against"], outcome.check
+    illustrations = identification_figures(calibration, outcome.data, outcome.errors, against, check)
     if outcome.content.get("extension"):
         illustrations += (beyond_geometry(outcome.content["extension"]),)
     if outcome.handover is not None:

@@ -21,8 +21,8 @@ _MANY = 12  # points of a target, beyond which people want to see poses
 def tables(
     content: Mapping[str, Any], calibration: Calibration, data: Dataset, errors: Mapping[str, Mapping[str, Errors]]
 ) -> dict[str, pd.DataFrame]:
-    """Parameters, accuracy, errors per observation (per pose of targets with many points), correlation, outliers,
-    and the corrections as a controller asks for them.
+    """Parameters, accuracy, errors per observation (per pose of targets with many points), correlation, outliers, the
+    corrections as a controller asks for them, and what residuals were tested for.
 
     Args:
         content: of results.json. errors: by data (`train`, `test`) and state.
@@ -49,6 +49,7 @@ def tables(
         "correlation": matrix,
         "outliers": pd.DataFrame(content["outliers"], columns=[column.name for column in fields(Outlier)]),
         "corrections": corrections(calibration.robot),
+        **({"model_check": pd.DataFrame(content["model_check"]["tests"])} if "model_check" in content else {}),
     }
 
 

@@ -192,7 +192,7 @@ def _sampled(model: Model) -> Array:
 def _conditions(robot: Robot, count: int, rng: np.random.Generator) -> dict[str, Array]:
     """What joint terms depend on beside readings, as it may be: either direction, with and without a load."""
     return {
-        name: _LOAD * rng.integers(0, 2, count) if name == PAYLOAD else rng.choice([-1.0, 1.0], count)
+        name: _LOAD * rng.choice([0.0, 1.0], count) if name == PAYLOAD else rng.choice([-1.0, 1.0], count)
         for name in robot.conditions
     }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 
 MINUS = "\N{MINUS SIGN}"
@@ -11,15 +12,20 @@ MOSTLY = 0.5
 """Share of a parameter's uncertainty that the data must take away before people are told that it was learnt."""
 
 _GREEK = {"theta": "θ", "alpha": "α", "beta": "β", "a": "a", "d": "d"}
+_TERM = re.compile(r"q[0-9]+_")
 _LOWERED = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def symbol(name: str) -> str:
-    """A parameter's name as it is printed: `theta_1` is Greek with a lowered number, `tool_P1_x` has spaces."""
+    """A parameter's name as it is printed: `theta_1` is Greek with a lowered number, `tool_P1_x` has spaces, and
+    `q2_sin_1` of a joint term both."""
     if is_link_parameter(name):
         kind, _, rest = name.partition("_")
         return _GREEK[kind] + rest.translate(_LOWERED)
+    if is_term_number(name):
+        joint, _, rest = name.partition("_")
+        return f"q{joint[1:].translate(_LOWERED)} {rest.replace('_', ' ')}"
     return name.replace("_", " ")
 
 
@@ -51,6 +57,18 @@ def is_link_parameter(name: str) -> bool:
     """Whether a name is that of a link parameter (`theta_1`, `a_4`), not of a frame, a point or a camera."""
     kind, _, rest = name.partition("_")
     return kind in _GREEK and rest.isdecimal() and rest.isascii()
+
+
+def is_term_number(name: str) -> bool:
+    """Whether a name is that of a number of a joint term (`q2_sin_1`)."""
+    return _TERM.match(name) is not None
+
+
+def free_parameters(names: Sequence[str]) -> str:
+    """How many free parameters of a robot, and of what."""
+    if any(is_term_number(name) for name in names):
+        return f"{plural(len(names), 'free parameter')} of links and joint terms"
+    return plural(len(names), "free link parameter")
 
 
 def plural(count: int, word: str) -> str:

@@ -24,7 +24,7 @@ from symcal.config.plan import PlanConfig
 from symcal.config.study import StudyConfig
 from symcal.documents.document import Strict
 from symcal.instruments import KINDS
-from symcal.units import ANGLE, LENGTH, AngleUnit, LengthUnit
+from symcal.units import ANGLE, LENGTH, AngleUnit, LengthUnit, unit_factor
 
 SCHEMA: Literal["symcal/experiment/1"] = "symcal/experiment/1"
 
@@ -36,8 +36,8 @@ class Units(Strict):
     angle: AngleUnit
 
     def factor(self, unit: str) -> float:
-        """mm or rad per unit of the file, for a parameter of unit `mm` or `rad`; 1 for `px` and plain numbers."""
-        return ANGLE[self.angle] if unit == "rad" else LENGTH[self.length] if unit == "mm" else 1.0
+        """What one of the file's units is in the program's, for such a parameter; 1 of `px` and plain numbers."""
+        return unit_factor(unit, LENGTH[self.length], ANGLE[self.angle])
 
 
 class Truth(Strict):

@@ -13,17 +13,23 @@ from numpy.typing import NDArray
 
 from symcal.calibration.identify import Calibration
 from symcal.fit.estimation import Fit
+from symcal.parameters import Unit
 from symcal.plots.style import BLUE, FAINT, INK, WIDE, Illustration, escaped, grid, print_settings, settle, sheet
-from symcal.words import MOSTLY, listed, number, plural, symbol
+from symcal.robot.robot import Robot
+from symcal.units import SHOWN, in_mrad
+from symcal.words import MOSTLY, free_parameters, is_term_number, listed, number, plural, symbol
 
 Array = NDArray[np.float64]
 
 _LEARNT: dict[str, Any] = {"color": BLUE, "marker": "o"}
+_SHARES = ("10⁻³", 1e3)
+_IN_ROW = 40  # numbers of joint terms
+_TOGETHER = 24  # of them and others in one row of panels
 _ASSUMED: dict[str, Any] = {"color": FAINT, "marker": "D", "markerfacecolor": "white"}
 
 
 def parameter_corrections(calibration: Calibration) -> Illustration:
-    """Identified minus nominal of the free link parameters with 95 % intervals, in mrad and in mm.
+    """Identified minus nominal of the free parameters of links and joint terms with 95 % intervals, by unit.
 
     Filled where a parameter was mostly learnt from the data; hollow and grey where it is mostly assumed.
     """
@@ -34,26 +40,51 @@ def parameter_corrections(calibration: Calibration) -> Illustration:
     share = dict(zip(known.names, known.learnt.tolist(), strict=True))
     names = [name for name in model.robot.parameters if name in half]
     unit = dict(zip(model.parameters.names, model.parameters.units, strict=True))
-    panels = [
-        (group, factor, label)
-        for group, factor, label in (
-            ([n for n in names if unit[n] == "rad"], 1e3, "correction / mrad"),
-            ([n for n in names if unit[n] == "mm"], 1.0, "correction / mm"),
-        )
-        if group
-    ]
     learnt = [n for n in names if share[n] >= MOSTLY]
+    rows = _panels(names, unit, model.robot)
     with print_settings():
-        figure = sheet(WIDE, 56)
-        ratios = [len(group) + 2 for group, _, _ in panels]
-        axes = figure.subplots(1, len(panels), width_ratios=ratios, squeeze=False)[0]
-        for panel, (group, factor, label) in zip(axes, panels, strict=True):
-            values, bars = (factor * np.array([of[n] for n in group]) for of in (errors, half))
-            _corrections(panel, group, values, bars, np.array([n in learnt for n in group]))
-            panel.set_ylabel(label)
+        figure = sheet(WIDE, 56 * len(rows) + 8 * (len(rows) - 1))
+        for part, panels in zip(figure.subfigures(len(rows), 1, squeeze=False)[:, 0], rows, strict=True):
+            ratios = [len(group) + 2 for group, _ in panels]
+            axes = part.subplots(1, len(panels), width_ratios=ratios, squeeze=False)[0]
+            for panel, (group, kind) in zip(axes, panels, strict=True):
+                label, factor = _SHARES if kind == "1" else in_mrad(kind)
+                values, bars = (factor * np.array([of[n] for n in group]) for of in (errors, half))
+                _corrections(panel, group, values, bars, np.array([n in learnt for n in group]))
+                panel.set_ylabel(f"correction / {label}")
         figure.legend(handles=[_handle(True), _handle(False)], loc="outside upper center", ncols=2)
     caption = _caption(names, learnt, errors, half, unit)
     return Illustration(settle(figure), "parameter_corrections", "Identified corrections", caption)
+
+
+def _panels(names: list[str], unit: Mapping[str, Unit], robot: Robot) -> list[list[tuple[list[str], Unit]]]:
+    """Rows of panels: names and their unit; links first, then joint terms, angles by themselves where they are many."""
+    terms = robot.term_parameters
+    links = [n for n in names if n not in terms]
+    angles = in_rows([n for n in names if n in terms and unit[n] == "rad"], robot)
+    others = [n for row in in_rows([n for n in names if n in terms and unit[n] != "rad"], robot) for n in row]
+    parts = [links, *angles]
+    if others and angles and len(parts[-1]) + len(others) <= _TOGETHER:
+        parts[-1] = [*parts[-1], *others]
+    else:
+        parts.append(others)
+    kinds: list[Unit] = ["rad", "mm", "1", "rad/mm", "mm/rad", "rad/Nmm", "mm/N"]
+    rows = [[([n for n in part if unit[n] == k], k) for k in kinds] for part in parts]
+    return [[panel for panel in row if panel[0]] for row in rows if any(group for group, _ in row)]
+
+
+def in_rows(names: list[str], robot: Robot) -> list[list[str]]:
+    """Numbers of joint terms in rows: those of one group together, in the order of the robot file."""
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        groups.setdefault(robot.term_parameters[name].group, []).append(name)
+    rows: list[list[str]] = []
+    for group in groups.values():
+        if rows and len(rows[-1]) + len(group) <= _IN_ROW:
+            rows[-1] += group
+        else:
+            rows += [group[k : k + _IN_ROW] for k in range(0, len(group), _IN_ROW)]
+    return rows
 
 
 def _corrections(axes: Axes, names: list[str], values: Array, bars: Array, learnt: NDArray[np.bool_]) -> None:
@@ -75,7 +106,13 @@ def _corrections(axes: Axes, names: list[str], values: Array, bars: Array, learn
             **look,
         )
     axes.set_xlim(-0.8, len(names) - 0.2)
-    axes.set_xticks(at, [escaped(symbol(n)) for n in names], fontsize=6 if crowded else 7)
+    wordy = any(is_term_number(n) for n in names)
+    axes.set_xticks(
+        at,
+        [escaped(symbol(n)) for n in names],
+        fontsize=6 if crowded else 7,
+        rotation=90 if wordy else 0,
+    )
     axes.tick_params(axis="x", length=0)
     grid(axes)
 
@@ -86,20 +123,20 @@ def _handle(learnt: bool) -> Line2D:
 
 
 def _caption(
-    names: list[str], learnt: list[str], errors: dict[str, float], half: dict[str, float], unit: Mapping[str, str]
+    names: list[str], learnt: list[str], errors: dict[str, float], half: dict[str, float], unit: Mapping[str, Unit]
 ) -> str:
     sure = sum(abs(errors[n]) > half[n] for n in learnt)
     caption = (
-        f"Corrections (identified minus nominal) of the {plural(len(names), 'free link parameter')} with 95 % "
+        f"Corrections (identified minus nominal) of the {free_parameters(names)} with 95 % "
         f"intervals. Filled: {len(learnt)} that were mostly learnt from the data; for {sure} of them the nominal value "
         "lies outside the interval."
     )
     largest = []
-    for kind, factor, label in (("rad", 1e3, "mrad"), ("mm", 1.0, "mm")):
-        group = [n for n in learnt if unit[n] == kind]
+    for kind in ("rad", "mm", *(k for k in SHOWN if k not in ("rad", "mm", "px"))):
+        group, (label, factor) = [n for n in learnt if unit[n] == kind], in_mrad(kind)
         if group:
             name = max(group, key=lambda n: abs(errors[n]))
-            largest.append(f"{number(errors[name] * factor)} {label} of {symbol(name)}")
+            largest.append(f"{number(errors[name] * factor)} {'' if label == '1' else f'{label} '}of {symbol(name)}")
     if largest:
         caption += f" The largest: {listed(largest)}."
     if len(learnt) < len(names):
@@ -135,7 +172,7 @@ def correlation_matrix(fit: Fit) -> Illustration:
         axes.add_collection(
             LineCollection(bars, colors=["white" if d else INK for d in dark], linewidths=0.7), autolim=False
         )
-        size = 6.5 if n <= 25 else 5.5
+        size = 6.5 if n <= 25 else 5.5 if n <= 60 else 5.5 * 60 / n
         axes.set_xticks(range(n - 1), [escaped(k) for k in names[:-1]], rotation=90, fontsize=size)
         axes.set_yticks(range(n - 1), [escaped(k) for k in names[1:]], fontsize=size)
         axes.tick_params(length=0, pad=2)

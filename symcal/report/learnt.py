@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from symcal.words import MOSTLY, is_link_parameter, listed, plural, symbol
+from symcal.words import MOSTLY, free_parameters, is_link_parameter, is_term_number, listed, symbol
 
 Parameters = Mapping[str, Mapping[str, Any]]
 
@@ -18,13 +18,16 @@ def was_learnt(parameter: Mapping[str, Any]) -> bool:
 
 
 def learnt_and_assumed(parameters: Parameters) -> str:
-    """How many of the free link parameters were mostly learnt, and which ones were not; empty if none is free."""
-    names = [name for name, p in parameters.items() if is_link_parameter(name) and p["free"]]
+    """How many of the free parameters of links and joint terms were mostly learnt, and which ones were not; empty if
+    none is free."""
+    names = [name for name, p in parameters.items() if (is_link_parameter(name) or is_term_number(name)) and p["free"]]
+    of_terms = any(is_term_number(name) for name in names)
+    what = "free parameter of links and joint terms" if of_terms else "free link parameter"
     assumed = [name for name in names if not was_learnt(parameters[name])]
     if not names:
         return ""
     if not assumed:
-        return f"Every free link parameter ({len(names)} in all) was mostly learnt from the data."
+        return f"Every {what} ({len(names)} in all) was mostly learnt from the data."
     shown = [symbol(name) for name in assumed]
     if len(shown) > _MOST_NAMED + 1:
         shown = [*shown[:_MOST_NAMED], f"{len(shown) - _MOST_NAMED} more"]
@@ -33,7 +36,4 @@ def learnt_and_assumed(parameters: Parameters) -> str:
         if len(shown) == 1
         else f"about each of {listed(shown)} alone the data say little: they are mostly assumed, and drawn to nominal"
     )
-    return (
-        f"Of {plural(len(names), 'free link parameter')} {len(names) - len(assumed)} were mostly learnt from the data; "
-        f"{little}."
-    )
+    return f"Of {free_parameters(names)} {len(names) - len(assumed)} were mostly learnt from the data; {little}."

@@ -1,4 +1,4 @@
-"""The table of parameters for people: deg and mm, numbers of one unit with the same decimals."""
+"""The table of parameters for people: deg, mm and such, numbers of one unit with the same decimals."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any
 
 from symcal.parameters import FRAME_AXES
 from symcal.report.learnt import was_learnt
-from symcal.words import fixed, is_link_parameter, listed, number, percent, plural, symbol
+from symcal.units import SHOWN
+from symcal.words import fixed, is_link_parameter, is_term_number, listed, number, percent, plural, symbol
 
 Parameters = Mapping[str, Mapping[str, Any]]
 
-_DEGREES = 180 / math.pi
 _WITHOUT_SIGMA = {"rad": 4, "mm": 3}
 _MOST = 6
 _NAMED = 6  # places and instruments that a note names
@@ -71,7 +71,8 @@ def _left_out(unplaced: list[str], settled: Mapping[str, Any]) -> str:
 
 def _increments(parameters: Parameters) -> str:
     """Which rows are increments, and on what; empty if there are none."""
-    loose = [name for name in parameters if name.rpartition("_")[2] in FRAME_AXES and not is_link_parameter(name)]
+    robots = {name for name in parameters if is_link_parameter(name) or is_term_number(name)}
+    loose = [name for name in parameters if name.rpartition("_")[2] in FRAME_AXES and name not in robots]
     kinds = {name.partition("_")[0] for name in loose}
     if kinds - _ROBOT:
         return "frames and points are increments on those"
@@ -79,12 +80,12 @@ def _increments(parameters: Parameters) -> str:
 
 
 def _row(name: str, p: Mapping[str, Any], places: int) -> dict[str, str]:
-    factor, unit = (_DEGREES, "deg") if p["unit"] == "rad" else (1.0, p["unit"])
+    unit, factor = SHOWN[p["unit"]]
     held = p["sigma"] is None
     return {
         "symbol": symbol(name),
         "name": name,
-        "kind": name.partition("_")[0],
+        "kind": "term" if is_term_number(name) else name.partition("_")[0],
         "nominal": fixed(p["nominal"] * factor, places),
         "error": fixed(p["error"] * factor, places),
         "identified": fixed(p["identified"] * factor, places),
@@ -97,7 +98,7 @@ def _row(name: str, p: Mapping[str, Any], places: int) -> dict[str, str]:
 
 def _decimals(parameters: Parameters, unit: str) -> int:
     """So many that the smallest standard deviation has two digits, within reason."""
-    factor = _DEGREES if unit == "rad" else 1.0
+    _, factor = SHOWN[unit]
     known = [p["sigma"] * factor for p in parameters.values() if p["unit"] == unit and p["sigma"]]
     if not known:
         return _WITHOUT_SIGMA.get(unit, 4)

@@ -205,8 +205,10 @@ def _print_instruments(console: Console, sets: Sequence[Any]) -> None:
 
 
 def print_robot(robot: Any) -> None:
-    """A robot's links and limits, in mm and deg."""
+    """A robot's links and limits, in mm and deg; its joint terms, and what it is known to weigh."""
     import numpy as np
+
+    from symcal.words import listed
 
     console = output()
     kinds = [k for k in ("theta", "d", "a", "alpha", "beta") if any(k in link.parameters for link in robot.links)]
@@ -226,6 +228,12 @@ def print_robot(robot: Any) -> None:
         limits = f"{shown[0]:.6g} .. {shown[1]:.6g}" if np.isfinite(joint.lower) else "none"
         table.add_row(str(i), escape(joint.name), joint.kind, limits, *cells)
     console.print(table)
+    if robot.terms:
+        names = [joint.name for joint in robot.joints]
+        console.print(f"joint terms: {escape(listed([term.words(names) for term in robot.terms]))}")
+    if robot.masses:
+        kg = sum(mass.kg for mass in robot.masses)
+        console.print(f"masses: {kg:.4g} kg on {len(robot.masses)} joints; they act where a compliance is given")
 
 
 def print_compensation(result: Any) -> None:

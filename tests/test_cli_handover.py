@@ -11,12 +11,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from arms_with_terms import puma_with_terms
 from cases import TABLE_III, handling
 
 from symcal import spatial
 from symcal.cli import main
 from symcal.compensation.compensate import REACHED
 from symcal.compensation.targets import tool_pose
+from symcal.joints.backlash import Backlash
 from symcal.kernels.batch import batch_function
 from symcal.robot.robot import Record, Robot, load_robot, save_robot
 from symcal.robot.urdf import load_urdf
@@ -234,3 +236,33 @@ def test_files_that_are_not_there(symcal: Command, file: Path) -> None:
         assert done.code == 1
         assert "nowhere" in done.err
         assert "Traceback" not in done.err
+
+
+def test_joint_terms_leave_only_with_a_word(symcal: Command, tmp_path: Path) -> None:
+    """URDF refuses them or says what their loss costs; C and compensation say what they keep at nominal."""
+    robot = puma_with_terms()
+    play = replace(robot, terms=(*robot.terms, Backlash(3, True, {"backlash": 5e-4})))
+    save_robot(play, tmp_path / "arm.yaml")
+    done = symcal("export", "arm.yaml", "--to", "urdf", "--out", "out")
+    assert done.code == 1
+    assert "joint terms that URDF cannot carry" in done.err
+    assert "--approximate" in done.err
+    assert not (tmp_path / "out").exists()
+    done = symcal("export", "arm.yaml", "--to", "urdf", "--out", "out", "--approximate")
+    assert done.code == 0, done.err
+    assert "URDF leaves out: harmonics 1 and 2 of axis 1" in done.err
+    assert "searched" in done.err
+    assert "The tool is then up to" in (tmp_path / "out" / "robot.urdf").read_text()
+    done = symcal("export", "arm.yaml", "--to", "c", "--out", "out")
+    assert done.code == 0
+    assert "The C code keeps at nominal: backlash of axis 3" in done.err
+    done = symcal("export", "arm.yaml", "--to", "json", "--out", "out")
+    assert "A table of zero offsets and lengths leaves out" in done.err
+    assert json.loads((tmp_path / "out" / "robot.json").read_text())["terms"][-1]["kind"] == "backlash"
+    names = ",".join(f"q{i}_deg" for i in range(1, 7))
+    (tmp_path / "commands.csv").write_text(f"{names}\n10,-20,30,40,50,60\n")
+    done = symcal("compensate", "arm.yaml", "--targets", "commands.csv")
+    assert done.code == 0, done.err
+    assert "A command keeps at nominal: backlash of axis 3" in done.err
+    done = symcal("import", tmp_path / "out" / "robot.urdf", "--base", "base_link", "--tip", "tool")
+    assert done.code == 0, done.err

@@ -44,7 +44,8 @@ def study_setting(
         for_problem: randomness of the planning problem, as other commands use it.
     Raises:
         RefusedError: the experiment is not simulated, not about positions of one point with known frames, has no noise
-            or test poses, or says neither where the robot starts nor how fast its joints are.
+            or test poses, the robot has joint terms, or the experiment says neither
+            where the robot starts nor how fast its joints are.
     """
     data = file.data
     if not isinstance(data, SimulatedData) or not data.noise.sizes.get("position") or not data.test_poses:
@@ -58,6 +59,10 @@ def study_setting(
         raise RefusedError(
             "the study is about positions of one point of a robot whose base and tool are known, as in the paper: "
             "measurement of type 'position' with one point and nothing to estimate"
+        )
+    if model.robot.terms:
+        raise RefusedError(
+            "the study is of a robot whose joints read what they are, as in the paper: leave 'terms' out of its file"
         )
     for_truth, for_test, for_sample = rng.spawn(3)
     problem = plan_problem(file, document, model, for_problem)

@@ -187,7 +187,7 @@ class Robot:
 
     @property
     def reach(self) -> float:
-        """An upper bound of the arm's extent in mm: link lengths, finite prismatic travel and the tool."""
+        """An upper bound of the arm's extent in mm without joint terms: links, finite prismatic travel and the tool."""
         lengths = sum(
             abs(v) for name, v in self.link_parameters.items() if name[0] in "ad" and not name.startswith("alpha")
         )

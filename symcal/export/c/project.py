@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from symcal.compensation.compensate import LEVER, joint_caps
 from symcal.export.c.names import identifiers, printable
 from symcal.export.c.source import FLOAT_REACHED, CModel, fill, model_hash, table, term_sentences
+from symcal.export.c.terms import slope_rounding
 from symcal.export.c.vectors import Vectors
 from symcal.kernels.instructions import Operation, Program
 
@@ -33,10 +34,15 @@ def project_files(model: CModel, vectors: Vectors) -> dict[str, str]:
         "dof": n,
         "reach": f"{reach:.6g}",
     }
+    rounding = 2 * slope_rounding(robot)
     scale = np.array([abs(joint.ratio) for joint in robot.joints])
     test = common | {
         "length_double": repr(1e-12 * reach),
         "length_float": repr(5e-7 * reach),
+        "slope_double": repr((1e-12 + rounding * 2**-52) * reach),
+        "slope_float": repr((5e-7 + rounding * 2**-23) * reach),
+        "spin_double": repr(2e-12 + rounding * 2**-52),
+        "spin_float": repr(2e-6 + rounding * 2**-23),
         "lever": f"{LEVER:g}",
         "half_lever2": repr(LEVER**2 / 2),
         "pose_test": fill("selftest_pose.c", common) if model.oriented else "",

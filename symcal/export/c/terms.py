@@ -84,6 +84,21 @@ def added(at: Posture) -> tuple[Array, Array]:
     return delta, slopes
 
 
+def slope_rounding(robot: Robot) -> float:
+    """By how much rounding of a fast wave's argument spoils a slope of a joint, per unit of the precision's epsilon.
+
+    sin(n q) with n turns per turn: the argument is off by n q epsilon, the slope a n cos(n q) by a n times that.
+    """
+    largest = np.abs(np.array(robot.ranges)).max(axis=0)
+    total = 0.0
+    for term in robot.terms:
+        if isinstance(term, Harmonics):
+            turns = (term.gear or 1.0) * (2 * np.pi / term.pitch if term.pitch else 1.0)
+            sizes = {k: sum(abs(v) for label, v in term.values.items() if label.endswith(f"_{k}")) for k in term.k}
+            total += sum(a * (k * turns) ** 2 * largest[term.joint - 1] for k, a in sizes.items())
+    return float(total)
+
+
 def _nothing(_: Term, at: Posture) -> tuple[float, Array]:
     return 0.0, np.zeros(at.robot.dof)
 

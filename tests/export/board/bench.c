@@ -23,7 +23,7 @@ __attribute__((noinline)) static void call(int function, int k)
     (void)NAME(compensate)(q, out, &residual);
 }
 
-#define DEPTH 4096
+#define DEPTH 16384
 
 /* Bytes below the caller's stack pointer that a call leaves changed. */
 __attribute__((noinline)) static unsigned long depth(int function)

@@ -11,10 +11,14 @@ typedef @prefix@_real real;
 #ifdef SYMCAL_FLOAT
 #define LENGTH_TOLERANCE ((real)@length_float@)  /* mm: 5e-7 of the reach */
 #define ANGLE_TOLERANCE ((real)2e-6)
+#define SLOPE_TOLERANCE ((real)@slope_float@)    /* mm per unit, with what fast waves lose to rounding */
+#define SPIN_TOLERANCE ((real)@spin_float@)
 #define KIND "float"
 #else
 #define LENGTH_TOLERANCE ((real)@length_double@)  /* mm: 1e-12 of the reach */
 #define ANGLE_TOLERANCE ((real)2e-12)
+#define SLOPE_TOLERANCE ((real)@slope_double@)
+#define SPIN_TOLERANCE ((real)@spin_double@)
 #define KIND "double"
 #endif
 
@@ -146,7 +150,8 @@ int main(void)
     @prefix@_jacobian_with(vector_q[k], @prefix@_errors, @prefix@_identity, @prefix@_tool, jacobian);
     compare_jacobians(jacobian, vector_jacobian[k], &length, &angle);
   }
-  report_poses("Jacobian", length, angle);
+  report("Jacobian (mm)", length, SLOPE_TOLERANCE);
+  report("Jacobian (rotation)", angle, SPIN_TOLERANCE);
 
   for (k = 0; k < VECTORS; ++k) {
     status = @prefix@_compensate(vector_q[k], q, &residual);

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -17,6 +18,7 @@ from symcal.data.measurement_file import load_measurements
 from symcal.errors import InputError, RefusedError
 from symcal.fit.estimation import Fit, Options, check_redundancy, fit
 from symcal.fit.noise import known_sigma, unknown_noise
+from symcal.fit.remainder import Trial
 from symcal.fit.residual_rows import rows_of
 from symcal.model.measurement import Setup
 from symcal.model.model import Model, State, build_model
@@ -40,6 +42,8 @@ class Calibration:
     before: nominal kinematics with base and tool fitted, whether or not the task estimates them: the fair baseline.
     before_raw: nominal kinematics with the frames as given, where all are given.
     offsets: joint zeros and frames. after: all parameters that are not held.
+    trial: of a smooth remainder, where one was asked for. bare: the model without it, where it was kept; what is known
+        before and with joint zeros alone refers to that.
     """
 
     model: Model
@@ -51,6 +55,8 @@ class Calibration:
     robot: Robot
     notes: tuple[str, ...] = ()
     searches: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    trial: Trial | None = None
+    bare: Model | None = None
 
     @property
     def states(self) -> dict[str, State]:
@@ -58,7 +64,7 @@ class Calibration:
         raw = {} if self.before_raw is None else {"before_raw": self.before_raw}
         return raw | {
             "before": self.before,
-            "offsets_only": State(self.model, self.setup, self.offsets.x, self.before.unplaced),
+            "offsets_only": State(self.bare or self.model, self.setup, self.offsets.x, self.before.unplaced),
             "after": State(self.model, self.setup, self.after.x, self.before.unplaced),
         }
 
@@ -116,8 +122,13 @@ def calibrate(model: Model, baseline: Model | None, data: Dataset, options: Opti
     Args:
         baseline: from `baseline_model`.
     """
-    with _BLAS.limit(limits=1):  # small matrices: a second thread only costs
+    with one_thread():
         return _calibrate(model, baseline, data, options)
+
+
+def one_thread() -> AbstractContextManager[Any]:
+    """Linear algebra on one thread while it lasts: matrices are small, and a second one only costs."""
+    return _BLAS.limit(limits=1)
 
 
 def _calibrate(model: Model, baseline: Model | None, data: Dataset, options: Options) -> Calibration:

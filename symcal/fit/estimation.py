@@ -24,6 +24,7 @@ from symcal.errors import RefusedError
 from symcal.fit.identifiability import Identifiability, analyse, numerical_rank
 from symcal.fit.noise import Loss, known_sigma, unknown_noise
 from symcal.fit.posterior import Posterior, posterior_of
+from symcal.fit.remainder_posterior import RemainderPosterior
 from symcal.fit.residual_rows import Rows
 from symcal.fit.variance_components import Components
 from symcal.fit.variances import VarianceModel, Variances
@@ -75,6 +76,7 @@ class Fit:
         measured.
     path: x at the start and after every accepted step, shape (k + 1, n).
     trouble: why the result should not be used, in a sentence; empty when everything converged.
+    remainder: what is not known of one that was found with it.
     """
 
     x: Array
@@ -95,6 +97,7 @@ class Fit:
     path: Array
     trouble: str = ""
     factors: Mapping[str, float] = field(default_factory=dict)
+    remainder: RemainderPosterior | None = None
 
     @property
     def iterations(self) -> int:

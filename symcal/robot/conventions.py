@@ -202,4 +202,8 @@ def convert(robot: Robot, convention: Convention) -> Robot:
             nominal_tool=(moved if convention == "craig" else np.eye(4)) @ record.nominal_tool,
         )
     scales = {renamed[name]: value for name, value in robot.scales.items() if name in renamed}
-    return replace(robot, convention=convention, links=links, base=base, tool=tool, scales=scales, record=record)
+    out = replace(robot, convention=convention, links=links, base=base, tool=tool, scales=scales, record=record)
+    if robot.remainder is None or convention == "craig":
+        return out
+    weights = robot.remainder.weights @ moved[:3, :3]  # along the axes of the base, which has turned
+    return replace(out, remainder=replace(robot.remainder, weights=weights))

@@ -1,0 +1,230 @@
+r"""Which smooth remainder the data ask for: length scales by marginal likelihood, and the proof on held-out poses.
+
+A remainder is a Gaussian process in joint readings that displaces the flange (`symcal.fit.correlated_rows`). For every
+pair of length scales on a grid its variance over that of the noise, the noise and the sizes of the parameters are those
+of largest marginal likelihood, and so is the pair; all for the model linearised at the estimate of the physics.
+
+A remainder is kept when it predicts held-out poses better by more than two standard errors of the paired differences of
+their squared errors, each fold with variances of its own, and its gain is above that asked of a group of joint terms.
+The rule is ours; the gain is asked for because length scales are chosen with all poses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from symcal.fit.correlated_rows import Field, FrozenRows, field_of
+from symcal.fit.estimation import Fit, Options, variance_model
+from symcal.fit.groups import ENOUGH
+from symcal.fit.residual_rows import Linear, Rows
+from symcal.fit.variance_components import most_likely
+from symcal.fit.variances import Variances
+from symcal.fit.whitened import LINKS
+from symcal.joints.remainder import Kernel
+
+Array = NDArray[np.float64]
+Poses = NDArray[np.intp]
+
+MOST = 600
+"""Centres at most."""
+_LEFT = 0.02  # share of a displacement's variance that the centres may leave untold at a training pose
+_ARM = 3  # joints of the arm share a length, those behind them another one
+_SHORTEST, _LONGEST = -7, 4  # exponents of sqrt(2): lengths of 0.09 to 4 rad
+_TRAVEL = np.pi  # the range of a prismatic joint counts as half a turn
+_RATIOS = (-10.0, 14.0)  # logarithms of the process's variance over that of the noise
+_TOLERANCE = 1e-2  # of logarithms of variances: the marginal likelihood is flat there
+_ERRORS = 2.0  # standard errors by which held-out poses must be predicted better
+
+
+@dataclass(frozen=True, slots=True)
+class Physics:
+    """A fit without a remainder, linearised.
+
+    rows: of the training poses. r, jacobian: residuals and slopes at the estimate, (N, m) and (N, m, n). columns: of
+    the positions, by point, (P, 3). turns: slopes of positions by a displacement along the axes of the base,
+    (N, P, 3, 3), zero where not measured. at: where stated priors are centred, (n,). ranges: of the joints, (dof,).
+    """
+
+    rows: Rows
+    r: Array
+    jacobian: Array
+    columns: NDArray[np.intp]
+    turns: Array
+    fit: Fit
+    options: Options
+    at: Array
+    revolute: tuple[bool, ...]
+    ranges: Array
+
+    def kernel(self, exponents: Sequence[int]) -> Kernel:
+        """The kernel of length scales sqrt(2)^e for arm and wrist."""
+        sizes = np.array([2.0 ** (exponents[0 if i < _ARM else -1] / 2) for i in range(len(self.revolute))])
+        return Kernel(self.revolute, np.where(self.revolute, sizes, sizes * self.ranges / _TRAVEL))
+
+    def field(self, basis: Array, poses: Poses) -> Field:
+        """Of some poses, by functions of all, shape (N, M)."""
+        return field_of(self.columns, self.turns[poses], basis[poses])
+
+    @property
+    def variances(self) -> Variances:
+        fit = self.fit
+        return Variances(dict(fit.sigmas), {LINKS: fit.factor, **fit.factors}, fit.weights)
+
+    def linearised(self, poses: Poses, last: Variances, field: Field | None = None, ratio: float = 0.0) -> Linearised:
+        """The model of some poses at its most likely variances, started from the last ones."""
+        r, jacobian = self.r[poses], self.jacobian[poses]
+        if field is not None:
+            r, jacobian = field.whitened(r, ratio), field.whitened(jacobian, ratio)
+        rows = self.rows
+        frozen = FrozenRows(
+            measurement=rows.measurement,
+            data=rows.data.take(poses),
+            setup=rows.setup,
+            kernels=rows.kernels,
+            poses=(),
+            z=rows.z[poses],
+            seen=rows.seen[poses],
+            unplaced=rows.unplaced,
+            linear=Linear(r, ((slice(0, r.shape[1]), np.arange(len(r)), jacobian),)),
+        )
+        model = variance_model(frozen, self.fit.free, self.options, prior_mean=self.at)
+        variances = Variances(last.sigmas, last.factors, frozen.seen.astype(float))
+        names, blocks, fixed = model.linearised(self.fit.x, variances)
+        start, ties = model.phi(names, variances), model.ties(names)
+        found = most_likely(blocks, fixed, start, ties, tolerance=_TOLERANCE)
+        step = np.zeros(len(self.fit.x))
+        step[model.system.index] = model.system.scales * found.y
+        value = found.value + (0.0 if field is None else field.log_determinant(ratio))
+        return Linearised(value, step, model.named(names, found, variances))
+
+    def with_field(self, poses: Poses, last: Variances, field: Field) -> tuple[Linearised, float]:
+        """The same at the most likely ratio, and that."""
+        best: dict[float, Linearised] = {}
+
+        def value(logarithm: float) -> float:
+            near = min(best, key=lambda other: abs(other - logarithm), default=None)
+            start = last if near is None else best[near].variances
+            best[logarithm] = self.linearised(poses, start, field, float(np.exp(logarithm)))
+            return best[logarithm].value
+
+        minimize_scalar(value, bounds=_RATIOS, method="bounded", options={"xatol": 0.05})
+        logarithm = min(best, key=lambda each: best[each].value)
+        return best[logarithm], float(np.exp(logarithm))
+
+    def displaced(self, poses: Poses, model: Linearised) -> Array:
+        """Residuals of some poses at the estimate of a linearised model, shape (N', m)."""
+        return np.asarray(self.r[poses] + self.jacobian[poses] @ model.step)
+
+
+@dataclass(frozen=True, slots=True)
+class Linearised:
+    """value: -2 log L. step: to the estimate, of all parameters. variances: the most likely ones."""
+
+    value: float
+    step: Array
+    variances: Variances
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A kernel with its centres among the training poses, shape (M, dof), and what it brings.
+
+    basis: at the training poses, shape (N, M). ratio: variance over that of the noise. gain: twice that in log marginal
+    likelihood. amplitude: standard deviation of a component, mm.
+    """
+
+    kernel: Kernel
+    centres: Array
+    basis: Array
+    ratio: float
+    gain: float
+    variances: Variances
+    amplitude: float
+
+
+def best_candidate(physics: Physics) -> Candidate:
+    """The length scales of largest marginal likelihood: both together first, then each."""
+    plain = physics.linearised(np.arange(len(physics.r)), physics.variances)
+    tried: dict[tuple[int, ...], Candidate] = {}
+
+    def candidate(exponents: tuple[int, ...]) -> Candidate:
+        if exponents not in tried:
+            tried[exponents] = _candidate(physics, physics.kernel(exponents), plain)
+        return tried[exponents]
+
+    two = len(physics.revolute) > _ARM
+    now: tuple[int, ...] = (0, 0) if two else (0,)
+    for direction in ((1, 1), (0, 1), (1, 0)) if two else ((1,),):
+        for sign in (-1, 1):
+            while True:
+                there = tuple(e + sign * d for e, d in zip(now, direction, strict=True))
+                inside = all(_SHORTEST <= e <= _LONGEST for e in there)
+                if not inside or candidate(there).gain <= candidate(now).gain:
+                    break
+                now = there
+    return candidate(now)
+
+
+def _candidate(physics: Physics, kernel: Kernel, plain: Linearised) -> Candidate:
+    q, every = physics.rows.data.q, np.arange(len(physics.r))
+    chosen = kernel.spanning(q, MOST, _LEFT)
+    basis = kernel.basis(q, q[chosen])
+    found, ratio = physics.with_field(every, plain.variances, physics.field(basis, every))
+    sigma = next(found.variances.sigmas[g.name] for g in physics.rows.measurement.groups if g.unit == "mm")
+    amplitude = float(np.sqrt(ratio)) * sigma
+    return Candidate(kernel, q[chosen], basis, ratio, plain.value - found.value, found.variances, amplitude)
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """What became of a remainder.
+
+    without, given: rms position error of each training pose when it was held out, shape (N,), mm, without a remainder
+    and with one.
+    """
+
+    candidate: Candidate
+    without: Array
+    given: Array
+
+    @property
+    def better(self) -> float:
+        """Mean of the differences of squared errors, mm^2."""
+        return float(np.mean(self.without**2 - self.given**2))
+
+    @property
+    def standard_error(self) -> float:
+        """Of `better`."""
+        return float(np.std(self.without**2 - self.given**2, ddof=1) / np.sqrt(len(self.given)))
+
+    @property
+    def kept(self) -> bool:
+        return self.candidate.gain > ENOUGH and self.better > _ERRORS * self.standard_error
+
+
+def trial(physics: Physics, candidate: Candidate, folds: Sequence[Poses]) -> Trial:
+    """The proof: poses of every fold predicted from the others, with the remainder and without."""
+    without, given = np.zeros_like(physics.r), np.zeros_like(physics.r)
+    for fold in folds:
+        others = np.setdiff1d(np.arange(len(physics.r)), fold)
+        plain = physics.linearised(others, physics.variances)
+        without[fold] = physics.displaced(fold, plain)
+        field = physics.field(candidate.basis, others)
+        found, ratio = physics.with_field(others, candidate.variances, field)
+        moved = candidate.basis[fold] @ field.coefficients(-physics.displaced(others, found), ratio)
+        own = physics.displaced(fold, found)
+        own[:, physics.columns] += np.einsum("npij,nj->npi", physics.turns[fold], moved)
+        given[fold] = own
+    return Trial(candidate, *(_position_errors(physics, residual) for residual in (without, given)))
+
+
+def _position_errors(physics: Physics, residual: Array) -> Array:
+    """rms over the points of each pose, shape (N,), mm; zero where none was measured."""
+    measured = physics.turns.any(axis=(2, 3))
+    squares = (residual[:, physics.columns] ** 2).sum(axis=2) * measured
+    return np.asarray(np.sqrt(squares.sum(axis=1) / np.maximum(measured.sum(axis=1), 1)))

@@ -308,7 +308,7 @@ def _moves(robot: Robot, q: SX, x: SX, error: dict[str, SX], conditions: SX) -> 
 
 
 def bases(robot: Robot) -> ca.Function:
-    """q -> what every joint term's numbers move their joint by, per unit, at nominal conditions; shape (terms' numbers,).
+    """q -> what every joint term's numbers move their joint by, per unit, at nominal conditions; shape (numbers,).
 
     In the order of `Robot.term_parameters`; rad or mm per unit.
     """

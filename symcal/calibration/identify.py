@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -126,9 +126,11 @@ def calibrate(model: Model, baseline: Model | None, data: Dataset, options: Opti
         return _calibrate(model, baseline, data, options)
 
 
-def one_thread() -> AbstractContextManager[Any]:
+@contextmanager
+def one_thread() -> Iterator[None]:
     """Linear algebra on one thread while it lasts: matrices are small, and a second one only costs."""
-    return _BLAS.limit(limits=1)
+    with _BLAS.limit(limits=1):
+        yield
 
 
 def _calibrate(model: Model, baseline: Model | None, data: Dataset, options: Options) -> Calibration:

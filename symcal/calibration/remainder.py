@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.calibration.compare import folds
+from symcal.calibration.compare import Refine, as_it_is, folds
 from symcal.calibration.identify import Calibration, calibrated_robot, one_thread
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
-from symcal.fit.correlated_rows import CorrelatedRows
+from symcal.fit.correlated_rows import correlated
 from symcal.fit.estimation import Fit, Options, fit
-from symcal.fit.remainder import Physics, Trial, best_candidate, trial
+from symcal.fit.remainder import Candidate, Physics, Trial, best_candidate, candidate_of, trial
 from symcal.fit.remainder_posterior import RemainderPosterior
 from symcal.fit.residual_rows import Rows, rows_of
 from symcal.joints.remainder import SHIFTS, TOLD, remainder_of
@@ -39,55 +40,56 @@ def with_remainder(calibration: Calibration, data: Dataset, options: Options, rn
     Args:
         data: what was identified with; its `train` split is used. rng: draws the folds.
     Raises:
-        RefusedError: what is measured is neither points nor poses by one instrument with noise of one size, or the robot
-        has a remainder already.
+        RefusedError: what is measured is neither points nor poses by one instrument with noise of one size, there are
+        few poses, or the robot has a remainder already.
     """
     with one_thread():
         return _with_remainder(calibration, data, options, rng)
 
 
-def _with_remainder(
-    calibration: Calibration, data: Dataset, options: Options, rng: np.random.Generator
-) -> Calibration:
+def _with_remainder(calibration: Calibration, data: Dataset, options: Options, rng: np.random.Generator) -> Calibration:
     model, train = calibration.model, data.part("train")
     _check(model, train, options)
     physics = physics_of(calibration, train, options)
     candidate = best_candidate(physics)
     tried = trial(physics, candidate, folds(train, FOLDS, rng))
-    if not tried.kept:
-        return replace(calibration, trial=tried, notes=(*calibration.notes, said(tried)))
-    field = physics.field(candidate.basis, np.arange(len(train)))
-    own = physics.rows
-    rows = CorrelatedRows(
-        own.measurement,
-        own.data,
-        own.setup,
-        own.kernels,
-        own.poses,
-        own.z,
-        own.seen,
-        unplaced=own.unplaced,
-        displaced=field,
-        ratio=candidate.ratio,
+    out = _added(calibration, physics, candidate) if tried.kept else calibration
+    return replace(out, trial=tried, notes=(*out.notes, said(tried)))
+
+
+def refined(calibration: Calibration, options: Options) -> Refine:
+    """What cross-validation does with each fold's calibration: adds a remainder of the same length scales if one was
+    kept."""
+    tried = calibration.trial
+    if tried is None or not tried.kept:
+        return as_it_is
+
+    def refine(own: Calibration, data: Dataset) -> Calibration:
+        with one_thread():
+            physics = physics_of(own, data.part("train"), options)
+            return _added(own, physics, candidate_of(physics, tried.candidate.kernel))
+
+    return refine
+
+
+def _added(calibration: Calibration, physics: Physics, candidate: Candidate) -> Calibration:
+    """The calibration with a remainder."""
+    model, rows, ratio = calibration.model, physics.rows, candidate.ratio
+    field = physics.field(candidate.basis, np.arange(len(rows.data)))
+    found = fit(
+        correlated(rows, field, ratio),
+        calibration.after.free,
+        physics.options,
+        prior_mean=physics.at,
+        nested=(calibration.after.x,),
     )
-    found = fit(rows, calibration.after.free, options, prior_mean=physics.at, nested=(calibration.after.x,))
-    r, jacobian = own(found.x)
-    remainder = remainder_of(
-        candidate.kernel, candidate.centres, field.coefficients(-r, candidate.ratio), candidate.amplitude
-    )
-    slopes = field.coefficients(jacobian[:, :, model.parameters.indices(found.free)], candidate.ratio)
-    posterior = RemainderPosterior(remainder, field.v, field.told(candidate.ratio), slopes)
+    r, jacobian = rows(found.x)
+    coefficients = field.coefficients(-r, ratio)
+    remainder = remainder_of(candidate.kernel, candidate.centres, coefficients, candidate.amplitude)
+    slopes = field.coefficients(jacobian[:, :, model.parameters.indices(found.free)], ratio)
+    after = replace(found, remainder=RemainderPosterior(remainder, field.v, field.told(ratio), slopes))
     with_it = build_model(replace(model.robot, remainder=remainder), model.task)
-    after = replace(found, remainder=posterior)
-    return replace(
-        calibration,
-        model=with_it,
-        bare=model,
-        after=after,
-        robot=calibrated_robot(with_it, after),
-        trial=tried,
-        notes=(*calibration.notes, said(tried)),
-    )
+    return replace(calibration, model=with_it, bare=model, after=after, robot=calibrated_robot(with_it, after))
 
 
 def _check(model: Model, train: Dataset, options: Options) -> None:
@@ -132,9 +134,7 @@ def _turns(rows: Rows, after: Fit) -> tuple[NDArray[np.intp], Array]:
     measured = rows.seen[:, columns].all(axis=2)
     off = np.abs(turns @ turns.swapaxes(-1, -2) - np.eye(3))[measured]
     if off.max(initial=0.0) > _A_TURN:
-        raise RefusedError(
-            "what is measured does not move with the flange: leave out 'identification.remainder'"
-        )
+        raise RefusedError("what is measured does not move with the flange: leave out 'identification.remainder'")
     return columns, turns
 
 
@@ -152,16 +152,43 @@ def said(tried: Trial) -> str:
     return f"a smooth remainder was tried and not kept: {numbers}"
 
 
-def outside(robot: Robot, rng: np.random.Generator, lower: Array | None = None, upper: Array | None = None) -> float:
-    """Share of random postures, of the joint limits or of an area, at which the remainder's centres tell less than
-    `TOLD` of its variance: there it is as good as zero.
+def remainder_facts(
+    calibration: Calibration, rng: np.random.Generator, area: tuple[Array, Array] | None = None
+) -> dict[str, Any] | None:
+    """What a remainder is and is worth, mm and rad; None where none was asked for.
 
-    Raises:
-        ValueError: the robot has no remainder.
+    Args:
+        area: lower and upper readings of the working area; the joint limits if None. rng: draws postures in it.
     """
-    if robot.remainder is None:
-        raise ValueError("the robot has no remainder")
-    limits = robot.ranges
-    low, high = limits[0] if lower is None else lower, limits[1] if upper is None else upper
+    tried = calibration.trial
+    if tried is None:
+        return None
+    candidate = tried.candidate
+    out = {
+        "kept": tried.kept,
+        "said": said(tried),
+        "folds": FOLDS,
+        "poses": len(tried.given),
+        "rms_without_mm": float(np.sqrt(np.mean(tried.without**2))),
+        "rms_with_mm": float(np.sqrt(np.mean(tried.given**2))),
+        "better_mm2": tried.better,
+        "standard_error_mm2": tried.standard_error,
+        "log_likelihood_gain": candidate.gain / 2,
+        "lengths": dict(
+            zip((j.name for j in calibration.model.robot.joints), candidate.kernel.lengths.tolist(), strict=True)
+        ),
+        "amplitude_mm": candidate.amplitude,
+        "centres": len(candidate.centres),
+    }
+    if not tried.kept:
+        return out
+    robot = calibration.model.robot
+    low, high = area or robot.ranges
     q = rng.uniform(low, high, (_POSTURES, robot.dof))
-    return float(np.mean(robot.remainder.told(q) < TOLD))
+    return out | {"outside": outside(robot, q), "outside_of": "limits" if area is None else "area"}
+
+
+def outside(robot: Robot, q: Array) -> float:
+    """Share of postures (N, dof) at which the centres tell less than `TOLD` of the remainder's variance: there it is as
+    good as zero; all of a robot without one."""
+    return 1.0 if robot.remainder is None else float(np.mean(robot.remainder.told(q) < TOLD))

@@ -113,7 +113,8 @@ class IdentificationConfig(Strict):
 
     scales: plausible size of a link parameter's error by name; priors: standard deviation of a prior, by name, instead
     of it. scale_factor: whether the data may make all plausible sizes larger by one factor, or they hold as stated;
-    `scales: stated` says the latter in short.
+    `scales: stated` says the latter in short. remainder: whether a smooth displacement over joint readings is looked
+    for in what geometry and joint terms leave, and kept where held-out poses prove it.
     """
 
     solver: Literal["levenberg_marquardt", "gauss_newton", "ipopt"] = "levenberg_marquardt"
@@ -123,6 +124,7 @@ class IdentificationConfig(Strict):
     scales: dict[str, Positive] = {}
     scale_factor: Literal["estimated", "stated"] = "estimated"
     priors: dict[str, Positive] = {}
+    remainder: Literal["none", "smooth"] = "none"
 
     @model_validator(mode="before")
     @classmethod

@@ -57,6 +57,9 @@ def save_json(robot: Robot, path: Path | str) -> None:
     Raises:
         InputError: the file cannot be written.
     """
+    from symcal.export.gate import refuse_remainder
+
+    refuse_remainder(robot, "JSON")
     text = json.dumps(robot_json(robot), indent=2, ensure_ascii=False, allow_nan=False, default=str)
     try:
         Path(path).write_text(text + "\n", encoding="utf-8")

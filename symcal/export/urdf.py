@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import InputError, RefusedError
+from symcal.export.gate import refuse_remainder
 from symcal.robot.conventions import placements
 from symcal.robot.robot import Joint, Robot
 
@@ -40,8 +41,9 @@ def urdf_text(robot: Robot, *, world: bool = False) -> str:
 
     Raises:
         RefusedError: a joint has a ratio other than 1 (a URDF position is the joint's own coordinate: it has no
-            gear), or is prismatic without limits (URDF demands them).
+            gear), or is prismatic without limits (URDF demands them); the robot has a remainder.
     """
+    refuse_remainder(robot, "URDF")
     for name in (robot.name, *(joint.name for joint in robot.joints)):
         if not name.isprintable():
             raise RefusedError(f"the name {name!r} holds characters that XML cannot: give it another in the robot file")

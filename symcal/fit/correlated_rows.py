@@ -1,7 +1,7 @@
 r"""Residuals of a dataset whose poses are displaced by a Gaussian process: correlated noise, whitened.
 
-With D_n the slopes of a position residual by a displacement of the flange along the axes of the base (a rotation), and
-b(q) functions of unit variance (`symcal.joints.remainder`), the displacements D_n b_n^T t, t ~ N(0, rho sigma^2), add to
+With D_n the slopes of a position residual by a displacement of the flange along the axes of the base (a rotation) and
+b(q) functions of unit variance (`symcal.joints.remainder`), displacements D_n b_n^T t, t ~ N(0, rho sigma^2), add to
 noise of variance sigma^2. In the axes of the base all three components of P_n points of a pose have the same
 covariance; their mean times sqrt(P_n) has sigma^2 (I + rho G B B^T G), G = diag(sqrt(P_n)), and differences between
 points of a pose have sigma^2 alone. With the thin singular value decomposition G B = Q diag(s) V^T,
@@ -107,11 +107,17 @@ class CorrelatedRows(Rows):
         return self.displaced.whitened(r, self.ratio), self.displaced.whitened(jacobian, self.ratio)
 
 
+def correlated(rows: Rows, displaced: Field, ratio: float) -> CorrelatedRows:
+    """Rows with a field."""
+    own = (rows.measurement, rows.data, rows.setup, rows.kernels, rows.poses, rows.z, rows.seen)
+    return CorrelatedRows(*own, unplaced=rows.unplaced, displaced=displaced, ratio=ratio)
+
+
 @dataclass(frozen=True, slots=True)
 class FrozenRows(Rows):
     """Rows linearised once and for all, whatever x: searches over variances ask for the same again and again."""
 
     linear: Linear = field(default_factory=lambda: Linear(np.zeros((0, 0)), ()))
 
-    def at(self, x: Array) -> Linear:
+    def at(self, x: Array) -> Linear:  # noqa: ARG002
         return self.linear

@@ -1,8 +1,9 @@
 r"""Which smooth remainder the data ask for: length scales by marginal likelihood, and the proof on held-out poses.
 
-A remainder is a Gaussian process in joint readings that displaces the flange (`symcal.fit.correlated_rows`). For every
-pair of length scales on a grid its variance over that of the noise, the noise and the sizes of the parameters are those
-of largest marginal likelihood, and so is the pair; all for the model linearised at the estimate of the physics.
+A remainder is a Gaussian process in joint readings that displaces the flange (`symcal.fit.correlated_rows`). For length
+scales on a grid, one per joint, its variance over that of the noise, the noise and the sizes of the parameters are
+those of largest marginal likelihood; and so are the length scales, found in turns (automatic relevance,
+[Rasmussen2006] sec. 5.1). All of it is for the model linearised at the estimate of the physics.
 
 A remainder is kept when it predicts held-out poses better by more than two standard errors of the paired differences of
 their squared errors, each fold with variances of its own, and its gain is above that asked of a group of joint terms.
@@ -33,11 +34,11 @@ Poses = NDArray[np.intp]
 MOST = 600
 """Centres at most."""
 _LEFT = 0.02  # share of a displacement's variance that the centres may leave untold at a training pose
-_ARM = 3  # joints of the arm share a length, those behind them another one
-_SHORTEST, _LONGEST = -7, 4  # exponents of sqrt(2): lengths of 0.09 to 4 rad
+_ARM = 3  # joints of an arm, before those of its wrist
+_SHORTEST, _LONGEST = -10, 4  # exponents of sqrt(2): lengths of 0.03 to 4 rad
 _TRAVEL = np.pi  # the range of a prismatic joint counts as half a turn
 _RATIOS = (-10.0, 14.0)  # logarithms of the process's variance over that of the noise
-_TOLERANCE = 1e-2  # of logarithms of variances: the marginal likelihood is flat there
+_TOLERANCE = 0.05  # of logarithms of variances: the marginal likelihood is flat there
 _ERRORS = 2.0  # standard errors by which held-out poses must be predicted better
 
 
@@ -62,8 +63,8 @@ class Physics:
     ranges: Array
 
     def kernel(self, exponents: Sequence[int]) -> Kernel:
-        """The kernel of length scales sqrt(2)^e for arm and wrist."""
-        sizes = np.array([2.0 ** (exponents[0 if i < _ARM else -1] / 2) for i in range(len(self.revolute))])
+        """The kernel of length scales sqrt(2)^e, by joint."""
+        sizes = 2.0 ** (np.array(exponents) / 2)
         return Kernel(self.revolute, np.where(self.revolute, sizes, sizes * self.ranges / _TRAVEL))
 
     def field(self, basis: Array, poses: Poses) -> Field:
@@ -103,7 +104,7 @@ class Physics:
         return Linearised(value, step, model.named(names, found, variances))
 
     def with_field(self, poses: Poses, last: Variances, field: Field) -> tuple[Linearised, float]:
-        """The same at the most likely ratio, and that."""
+        """The same at the most likely ratio of the variances of displacement and noise, and that ratio."""
         best: dict[float, Linearised] = {}
 
         def value(logarithm: float) -> float:
@@ -112,7 +113,7 @@ class Physics:
             best[logarithm] = self.linearised(poses, start, field, float(np.exp(logarithm)))
             return best[logarithm].value
 
-        minimize_scalar(value, bounds=_RATIOS, method="bounded", options={"xatol": 0.05})
+        minimize_scalar(value, bounds=_RATIOS, method="bounded", options={"xatol": 2 * _TOLERANCE})
         logarithm = min(best, key=lambda each: best[each].value)
         return best[logarithm], float(np.exp(logarithm))
 
@@ -148,7 +149,7 @@ class Candidate:
 
 
 def best_candidate(physics: Physics) -> Candidate:
-    """The length scales of largest marginal likelihood: both together first, then each."""
+    """The length scales of largest marginal likelihood: all together first, then wrist and arm, then each joint."""
     plain = physics.linearised(np.arange(len(physics.r)), physics.variances)
     tried: dict[tuple[int, ...], Candidate] = {}
 
@@ -157,9 +158,8 @@ def best_candidate(physics: Physics) -> Candidate:
             tried[exponents] = _candidate(physics, physics.kernel(exponents), plain)
         return tried[exponents]
 
-    two = len(physics.revolute) > _ARM
-    now: tuple[int, ...] = (0, 0) if two else (0,)
-    for direction in ((1, 1), (0, 1), (1, 0)) if two else ((1,),):
+    now = (0,) * len(physics.revolute)
+    for direction in _directions(len(now)):
         for sign in (-1, 1):
             while True:
                 there = tuple(e + sign * d for e, d in zip(now, direction, strict=True))
@@ -168,6 +168,18 @@ def best_candidate(physics: Physics) -> Candidate:
                     break
                 now = there
     return candidate(now)
+
+
+def _directions(dof: int) -> list[tuple[int, ...]]:
+    """Which exponents are changed together: all, those of the wrist, those of the arm, then each."""
+    wrist = np.arange(dof) >= _ARM
+    groups = [wrist, ~wrist] if dof > _ARM else []
+    return [tuple(np.asarray(each, dtype=int).tolist()) for each in (np.ones(dof), *groups, *np.eye(dof))]
+
+
+def candidate_of(physics: Physics, kernel: Kernel) -> Candidate:
+    """What a kernel brings."""
+    return _candidate(physics, kernel, physics.linearised(np.arange(len(physics.r)), physics.variances))
 
 
 def _candidate(physics: Physics, kernel: Kernel, plain: Linearised) -> Candidate:

@@ -28,7 +28,7 @@ class RemainderPosterior:
     slopes: Array
 
     def corrected(self, q: Array, jacobian: Array, base: Array) -> Array:
-        """Jacobian of points (N, 3 k, n) with what the remainder takes back. base: axes of the base in world, (3, 3)."""
+        """Jacobian of points (N, 3 k, n) with what the remainder takes back. base: its axes in world, (3, 3)."""
         taken = np.einsum("nm,mjp->njp", self.remainder.basis(q), self.slopes)
         turned = np.einsum("ij,njp->nip", base, taken)
         return np.asarray(jacobian - np.tile(turned, (1, jacobian.shape[1] // 3, 1)))

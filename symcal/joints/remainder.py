@@ -117,4 +117,6 @@ class Remainder:
 
 def remainder_of(kernel: Kernel, centres: Array, coefficients: Array, amplitude: float) -> Remainder:
     """f = sum_m b_m(q) t_m, t of shape (M, 3), mm."""
-    return Remainder(kernel, centres, solve_triangular(kernel.root(centres), coefficients, lower=True, trans="T"), amplitude)
+    return Remainder(
+        kernel, centres, solve_triangular(kernel.root(centres), coefficients, lower=True, trans="T"), amplitude
+    )

@@ -14,7 +14,6 @@ from symcal.model.observe import observe
 from symcal.parameters import SCALE, Parameter, ParameterSet
 
 
-
 @dataclass(frozen=True, slots=True)
 class Shifted:
     """A measurement with three parameters more, `SHIFTS`, behind its own, and its residuals."""

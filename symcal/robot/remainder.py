@@ -9,7 +9,6 @@ import numpy as np
 from pydantic import Field
 
 from symcal.documents.document import Document, Key, Strict
-from symcal.errors import RefusedError
 from symcal.joints.remainder import Kernel, Remainder
 
 _Rows = Annotated[list[list[float]], Field(min_length=1)]
@@ -64,16 +63,3 @@ def remainder_entry(remainder: Remainder, length: float, angle: float) -> dict[s
         "centres": (remainder.centres / units).tolist(),
         "weights": (remainder.weights / length).tolist(),
     }
-
-
-def refuse_remainder(remainder: Remainder | None, format_: str) -> None:
-    """Let a robot without a remainder pass to a format that has no room for one.
-
-    Raises:
-        RefusedError: it has one.
-    """
-    if remainder is not None:
-        raise RefusedError(
-            f"this robot has a smooth remainder ({len(remainder.centres)} centres), which {format_} cannot carry: "
-            "identify with 'remainder: none', or compensate with symcal"
-        )

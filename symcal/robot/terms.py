@@ -141,7 +141,8 @@ class PhysicsEntries(Strict):
                     message = f"'{term.name(label)}' stands in two terms"
                     raise document.error(message, ("terms", i, "term"))
         down = np.array(self.gravity) / np.linalg.norm(self.gravity)
-        rest = self.remainder and self.remainder.read(document, [turns for _, turns in joints], length, angle)
+        revolute = [turns for _, turns in joints]
+        rest = None if self.remainder is None else self.remainder.read(document, revolute, length, angle)
         return Physics(tuple(terms), (float(down[0]), float(down[1]), float(down[2])), tuple(masses), payload, rest)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symcal.calibration import results
 from symcal.calibration.claims import claim, extrapolation, worse
@@ -15,6 +16,7 @@ from symcal.calibration.compare import compare, cross_validate
 from symcal.calibration.compensation_check import POSES, Handover, hand_over
 from symcal.calibration.evaluate import Errors, evaluate_each, expected_position_rms, judging
 from symcal.calibration.identify import Calibration, baseline_model, calibrate
+from symcal.calibration.remainder import refined, remainder_facts, with_remainder
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, RenderedData, SimulatedData
 from symcal.data.dataset import Dataset
@@ -32,6 +34,7 @@ from symcal.runs.check import parallel_axes
 from symcal.runs.data import measurements
 from symcal.runs.load import Experiment
 
+Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
 
@@ -72,6 +75,9 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     measured, exact = found.data, found.exact
     progress("identifying")
     calibration = calibrate(experiment.model, baseline_model(experiment.model), measured, experiment.options)
+    if experiment.file.identification.remainder == "smooth":
+        progress("looking for a smooth remainder")
+        calibration = with_remainder(calibration, measured, experiment.options, rng.spawn(1)[0])
     splits: list[str] = [split for split in ("train", "test") if split in measured.split]
     by_instrument = {
         split: {name: evaluate_each(state, measured.part(split)) for name, state in calibration.states.items()}
@@ -94,7 +100,8 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
         progress(f"cross-validating in {count} folds")
         used = measured.take(np.array([s != "unused" for s in measured.split]))
         try:
-            errors["cross_validation"] = cross_validate(experiment.model, used, experiment.options, count, rng)
+            refine = refined(calibration, experiment.options)
+            errors["cross_validation"] = cross_validate(experiment.model, used, experiment.options, count, rng, refine)
         except RefusedError as error:
             notes.append(f"cross-validation was not possible: {error}")
     notes += [*extrapolation(measured), *claim(errors)]
@@ -104,6 +111,7 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     notes += worse(instruments)
     content = _content(experiment, measured, inputs, calibration, errors, notes)
     content["instruments"] = instruments
+    content["remainder"] = remainder_facts(calibration, np.random.default_rng(experiment.seed), _area(experiment))
     content["controller"] = correction_facts(calibration.robot)
     content["compensation"] = None if handover is None else handover_facts(handover)
     if found.images:
@@ -123,6 +131,13 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
         measured_in=found.images,
         rendered=found.rendered,
     )
+
+
+def _area(experiment: Experiment) -> tuple[Array, Array] | None:
+    """The working area, where the file says one."""
+    if not experiment.file.plan.area:
+        return None
+    return config.area_of(experiment.file, experiment.document, experiment.robot)
 
 
 def _spelling(file: ExperimentFile) -> list[str]:

@@ -163,18 +163,25 @@ class _Walk:
             self._turn(spatial.exp_rotation(r))
 
     def displace(self, axes: SX, remainder: Remainder | None, q: SX, x: dict[str, SX]) -> None:
-        """A displacement along given axes, by f(q) and by the parameters of a shift."""
+        """A displacement along the axes of the base, by f(q) and by the parameters of a shift.
+
+        It does not turn with the links: what they turn by is as if they stood that much aside.
+        """
         moved = ca.vertcat(*(x.get(name, 0) for name in SHIFTS))
-        for axis, name in enumerate(SHIFTS):
-            if name in x:
-                self.screws[name] = Screw(SX(3, 1), axes[:, axis], SX(3, 1))
+        slopes = SX(3, q.numel())
         if remainder is not None:
             value, slopes = remainder.expression(q)
             moved = moved + value
-            for i in range(q.numel()):
-                screw = self.screws[_joint(i + 1)]
-                self.screws[_joint(i + 1)] = replace(screw, slide=screw.slide + axes @ slopes[:, i])
-        self.origin = self.origin + axes @ moved
+        aside = axes @ moved
+        for name in self.screws.keys() - set(frame_names("base")):
+            self.screws[name] = replace(self.screws[name], origin=self.screws[name].origin + aside)
+        for i in range(q.numel()):
+            screw = self.screws[_joint(i + 1)]
+            self.screws[_joint(i + 1)] = replace(screw, slide=screw.slide + axes @ slopes[:, i])
+        for axis, name in enumerate(SHIFTS):
+            if name in x:
+                self.screws[name] = Screw(SX(3, 1), axes[:, axis], SX(3, 1))
+        self.origin = self.origin + aside
 
     def _turn(self, rotation: SX) -> None:
         if rotation.is_constant():

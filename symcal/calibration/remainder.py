@@ -12,9 +12,9 @@ from symcal.calibration.compare import Refine, as_it_is, folds
 from symcal.calibration.identify import Calibration, calibrated_robot, one_thread
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
-from symcal.fit.correlated_rows import correlated
+from symcal.fit.correlated_rows import correlated, field_of
 from symcal.fit.estimation import Fit, Options, fit
-from symcal.fit.remainder import Candidate, Physics, Trial, best_candidate, candidate_of, trial
+from symcal.fit.remainder import Candidate, Physics, Trial, candidate_of, trial
 from symcal.fit.remainder_posterior import RemainderPosterior
 from symcal.fit.residual_rows import Rows, rows_of
 from symcal.joints.remainder import SHIFTS, TOLD, remainder_of
@@ -51,9 +51,8 @@ def _with_remainder(calibration: Calibration, data: Dataset, options: Options, r
     model, train = calibration.model, data.part("train")
     _check(model, train, options)
     physics = physics_of(calibration, train, options)
-    candidate = best_candidate(physics)
-    tried = trial(physics, candidate, folds(train, FOLDS, rng))
-    out = _added(calibration, physics, candidate) if tried.kept else calibration
+    tried = trial(physics, folds(train, FOLDS, rng))
+    out = _added(calibration, physics, tried.candidate) if tried.kept else calibration
     return replace(out, trial=tried, notes=(*out.notes, said(tried)))
 
 
@@ -73,20 +72,20 @@ def refined(calibration: Calibration, options: Options) -> Refine:
 
 
 def _added(calibration: Calibration, physics: Physics, candidate: Candidate) -> Calibration:
-    """The calibration with a remainder."""
-    model, rows, ratio = calibration.model, physics.rows, candidate.ratio
-    field = physics.field(candidate.basis, np.arange(len(rows.data)))
+    """The calibration with a remainder: estimated together, and then the field at the estimate."""
+    model, ratio = calibration.model, candidate.ratio
     found = fit(
-        correlated(rows, field, ratio),
+        correlated(physics.rows, candidate.field, ratio),
         calibration.after.free,
         physics.options,
         prior_mean=physics.at,
         nested=(calibration.after.x,),
     )
-    r, jacobian = rows(found.x)
-    coefficients = field.coefficients(-r, ratio)
+    at = physics_of(replace(calibration, after=found), physics.rows.data, physics.options)
+    field = field_of(at.columns, at.turns, candidate.kernel.basis(at.rows.data.q, candidate.centres))
+    coefficients = field.coefficients(-at.r, ratio)
     remainder = remainder_of(candidate.kernel, candidate.centres, coefficients, candidate.amplitude)
-    slopes = field.coefficients(jacobian[:, :, model.parameters.indices(found.free)], ratio)
+    slopes = field.coefficients(at.jacobian[:, :, model.parameters.indices(found.free)], ratio)
     after = replace(found, remainder=RemainderPosterior(remainder, field.v, field.told(ratio), slopes))
     with_it = build_model(replace(model.robot, remainder=remainder), model.task)
     return replace(calibration, model=with_it, bare=model, after=after, robot=calibrated_robot(with_it, after))

@@ -11,6 +11,7 @@ import pandas as pd
 
 from symcal.errors import InputError
 from symcal.export.corrections import corrections
+from symcal.export.remainder import refuse_remainder
 from symcal.robot.robot import Joint, Robot, frame_entry, is_angle
 
 SCHEMA = "symcal/robot-json/1"
@@ -55,10 +56,8 @@ def save_json(robot: Robot, path: Path | str) -> None:
     """Write `robot_json`.
 
     Raises:
-        InputError: the file cannot be written.
+        InputError: the file cannot be written. RefusedError: the robot has a remainder.
     """
-    from symcal.export.gate import refuse_remainder
-
     refuse_remainder(robot, "JSON")
     text = json.dumps(robot_json(robot), indent=2, ensure_ascii=False, allow_nan=False, default=str)
     try:

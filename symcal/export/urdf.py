@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import InputError, RefusedError
-from symcal.export.gate import refuse_remainder
+from symcal.export.remainder import refuse_remainder
 from symcal.robot.conventions import placements
 from symcal.robot.robot import Joint, Robot
 

@@ -61,6 +61,19 @@ class Field:
         out[:, self.columns] += np.einsum("npij,nj...->npi...", self.turns, share)
         return out
 
+    def parts(self, values: Array) -> tuple[Array, Array]:
+        """Values split by orthogonal rows: those along Q, shape (k, 3 n), which whitening divides by
+        sqrt(1 + rho s^2), and others with the squared norms of what it leaves alone, (h, n), for slopes (N, m, n)."""
+        mean = self.mean(values)
+        along = self.q.T @ mean.reshape(len(mean), -1)
+        share = (self.q @ along).reshape(mean.shape) / _by_pose(self.roots, mean)
+        left = values[:, self.columns] - np.einsum("npij,nj...->npi...", self.turns, share)
+        measured = self.turns.any(axis=(2, 3))
+        rows = left[measured].reshape(-1, values.shape[2])
+        _, size, directions = np.linalg.svd(rows, full_matrices=False)
+        kept = min(len(size), max(len(rows) - 3 * len(self.s), 0))
+        return along, size[:kept, None] * directions[:kept]
+
     def coefficients(self, values: Array, ratio: float) -> Array:
         """Posterior mean of t where values are what is displaced, shape (M, 3) or (M, 3, n)."""
         mean = self.mean(values)

@@ -6,14 +6,14 @@ those of largest marginal likelihood; and so are the length scales, found in tur
 [Rasmussen2006] sec. 5.1). All of it is for the model linearised at the estimate of the physics.
 
 A remainder is kept when it predicts held-out poses better by more than two standard errors of the paired differences of
-their squared errors, each fold with variances of its own, and its gain is above that asked of a group of joint terms.
-The rule is ours; the gain is asked for because length scales are chosen with all poses.
+their squared errors, each fold with length scales and variances of its own, and its gain is above that asked of a group
+of joint terms. The rule is ours.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ from symcal.joints.remainder import Kernel
 Array = NDArray[np.float64]
 Poses = NDArray[np.intp]
 
-MOST = 600
+MOST = 400
 """Centres at most."""
 _LEFT = 0.02  # share of a displacement's variance that the centres may leave untold at a training pose
 _ARM = 3  # joints of an arm, before those of its wrist
@@ -67,21 +67,19 @@ class Physics:
         sizes = 2.0 ** (np.array(exponents) / 2)
         return Kernel(self.revolute, np.where(self.revolute, sizes, sizes * self.ranges / _TRAVEL))
 
-    def field(self, basis: Array, poses: Poses) -> Field:
-        """Of some poses, by functions of all, shape (N, M)."""
-        return field_of(self.columns, self.turns[poses], basis[poses])
-
     @property
     def variances(self) -> Variances:
         fit = self.fit
         return Variances(dict(fit.sigmas), {LINKS: fit.factor, **fit.factors}, fit.weights)
 
-    def linearised(self, poses: Poses, last: Variances, field: Field | None = None, ratio: float = 0.0) -> Linearised:
-        """The model of some poses at its most likely variances, started from the last ones."""
-        r, jacobian = self.r[poses], self.jacobian[poses]
-        if field is not None:
-            r, jacobian = field.whitened(r, ratio), field.whitened(jacobian, ratio)
-        rows = self.rows
+    def linearised(self, poses: Poses, last: Variances, values: Array | None = None) -> Linearised:
+        """The model of some poses at its most likely variances, started from the last ones.
+
+        Args:
+            values: slopes and residuals, (N', m, n + 1), in place of its own.
+        """
+        values = self.values[poses] if values is None else values
+        rows, count = self.rows, values.shape[2] - 1
         frozen = FrozenRows(
             measurement=rows.measurement,
             data=rows.data.take(poses),
@@ -91,7 +89,9 @@ class Physics:
             z=rows.z[poses],
             seen=rows.seen[poses],
             unplaced=rows.unplaced,
-            linear=Linear(r, ((slice(0, r.shape[1]), np.arange(len(r)), jacobian),)),
+            linear=Linear(
+                values[:, :, count], ((slice(0, values.shape[1]), np.arange(len(poses)), values[:, :, :count]),)
+            ),
         )
         model = variance_model(frozen, self.fit.free, self.options, prior_mean=self.at)
         variances = Variances(last.sigmas, last.factors, frozen.seen.astype(float))
@@ -100,22 +100,40 @@ class Physics:
         found = most_likely(blocks, fixed, start, ties, tolerance=_TOLERANCE)
         step = np.zeros(len(self.fit.x))
         step[model.system.index] = model.system.scales * found.y
-        value = found.value + (0.0 if field is None else field.log_determinant(ratio))
-        return Linearised(value, step, model.named(names, found, variances))
+        return Linearised(found.value, step, model.named(names, found, variances))
 
     def with_field(self, poses: Poses, last: Variances, field: Field) -> tuple[Linearised, float]:
-        """The same at the most likely ratio of the variances of displacement and noise, and that ratio."""
+        """The same at the most likely ratio of the variances of displacement and noise, and that ratio.
+
+        Rows of positions may be exchanged for any with the same squared norms: those along the field's directions, the
+        rest in as few as there are parameters, and zeros.
+        """
+        values = self.values[poses].copy()
+        along, rest = field.parts(values)
+        pose, point = np.nonzero(field.turns.any(axis=(2, 3)))
         best: dict[float, Linearised] = {}
 
         def value(logarithm: float) -> float:
+            ratio = float(np.exp(logarithm))
+            scaled = (along / np.sqrt(1 + ratio * field.s**2)[:, None]).reshape(-1, rest.shape[1])
+            stacked = np.vstack([scaled, rest])
+            rows = np.zeros((3 * len(pose), rest.shape[1]))
+            rows[: len(stacked)] = stacked
+            values[pose[:, None], self.columns[point]] = rows.reshape(len(pose), 3, -1)
             near = min(best, key=lambda other: abs(other - logarithm), default=None)
             start = last if near is None else best[near].variances
-            best[logarithm] = self.linearised(poses, start, field, float(np.exp(logarithm)))
+            found = self.linearised(poses, start, values)
+            best[logarithm] = replace(found, value=found.value + field.log_determinant(ratio))
             return best[logarithm].value
 
         minimize_scalar(value, bounds=_RATIOS, method="bounded", options={"xatol": 2 * _TOLERANCE})
         logarithm = min(best, key=lambda each: best[each].value)
         return best[logarithm], float(np.exp(logarithm))
+
+    @property
+    def values(self) -> Array:
+        """Slopes and residuals side by side, (N, m, n + 1)."""
+        return np.concatenate([self.jacobian, self.r[:, :, None]], axis=2)
 
     def displaced(self, poses: Poses, model: Linearised) -> Array:
         """Residuals of some poses at the estimate of a linearised model, shape (N', m)."""
@@ -133,29 +151,30 @@ class Linearised:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A kernel with its centres among the training poses, shape (M, dof), and what it brings.
+    """A kernel with its centres among the poses, shape (M, dof), and what it brings.
 
-    basis: at the training poses, shape (N, M). ratio: variance over that of the noise. gain: twice that in log marginal
-    likelihood. amplitude: standard deviation of a component, mm.
+    field: of the poses. ratio: variance over that of the noise. gain: twice that in log marginal likelihood. amplitude:
+    standard deviation of a component, mm. plain, found: the model of the poses without it and with it.
     """
 
     kernel: Kernel
     centres: Array
-    basis: Array
+    field: Field
     ratio: float
     gain: float
-    variances: Variances
     amplitude: float
+    plain: Linearised
+    found: Linearised
 
 
-def best_candidate(physics: Physics) -> Candidate:
-    """The length scales of largest marginal likelihood: all together first, then wrist and arm, then each joint."""
-    plain = physics.linearised(np.arange(len(physics.r)), physics.variances)
+def best_candidate(physics: Physics, poses: Poses) -> Candidate:
+    """The length scales of largest marginal likelihood of some poses: all together first, wrist and arm, then each."""
+    plain = physics.linearised(poses, physics.variances)
     tried: dict[tuple[int, ...], Candidate] = {}
 
     def candidate(exponents: tuple[int, ...]) -> Candidate:
         if exponents not in tried:
-            tried[exponents] = _candidate(physics, physics.kernel(exponents), plain)
+            tried[exponents] = _candidate(physics, physics.kernel(exponents), poses, plain)
         return tried[exponents]
 
     now = (0,) * len(physics.revolute)
@@ -179,17 +198,18 @@ def _directions(dof: int) -> list[tuple[int, ...]]:
 
 def candidate_of(physics: Physics, kernel: Kernel) -> Candidate:
     """What a kernel brings."""
-    return _candidate(physics, kernel, physics.linearised(np.arange(len(physics.r)), physics.variances))
+    every = np.arange(len(physics.r))
+    return _candidate(physics, kernel, every, physics.linearised(every, physics.variances))
 
 
-def _candidate(physics: Physics, kernel: Kernel, plain: Linearised) -> Candidate:
-    q, every = physics.rows.data.q, np.arange(len(physics.r))
-    chosen = kernel.spanning(q, MOST, _LEFT)
-    basis = kernel.basis(q, q[chosen])
-    found, ratio = physics.with_field(every, plain.variances, physics.field(basis, every))
+def _candidate(physics: Physics, kernel: Kernel, poses: Poses, plain: Linearised) -> Candidate:
+    q = physics.rows.data.q[poses]
+    centres = q[kernel.spanning(q, MOST, _LEFT)]
+    field = field_of(physics.columns, physics.turns[poses], kernel.basis(q, centres))
+    found, ratio = physics.with_field(poses, plain.variances, field)
     sigma = next(found.variances.sigmas[g.name] for g in physics.rows.measurement.groups if g.unit == "mm")
-    amplitude = float(np.sqrt(ratio)) * sigma
-    return Candidate(kernel, q[chosen], basis, ratio, plain.value - found.value, found.variances, amplitude)
+    gain, amplitude = plain.value - found.value, float(np.sqrt(ratio)) * sigma
+    return Candidate(kernel, centres, field, ratio, gain, amplitude, plain, found)
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,20 +239,27 @@ class Trial:
         return self.candidate.gain > ENOUGH and self.better > _ERRORS * self.standard_error
 
 
-def trial(physics: Physics, candidate: Candidate, folds: Sequence[Poses]) -> Trial:
-    """The proof: poses of every fold predicted from the others, with the remainder and without."""
+def trial(physics: Physics, folds: Sequence[Poses]) -> Trial:
+    """The proof: poses of every fold predicted from the others, with the remainder that these ask for, and without."""
+    every = np.arange(len(physics.r))
     without, given = np.zeros_like(physics.r), np.zeros_like(physics.r)
     for fold in folds:
-        others = np.setdiff1d(np.arange(len(physics.r)), fold)
-        plain = physics.linearised(others, physics.variances)
-        without[fold] = physics.displaced(fold, plain)
-        field = physics.field(candidate.basis, others)
-        found, ratio = physics.with_field(others, candidate.variances, field)
-        moved = candidate.basis[fold] @ field.coefficients(-physics.displaced(others, found), ratio)
-        own = physics.displaced(fold, found)
-        own[:, physics.columns] += np.einsum("npij,nj->npi", physics.turns[fold], moved)
-        given[fold] = own
-    return Trial(candidate, *(_position_errors(physics, residual) for residual in (without, given)))
+        others = np.setdiff1d(every, fold)
+        own = best_candidate(physics, others)
+        without[fold] = physics.displaced(fold, own.plain)
+        coefficients = own.field.coefficients(-physics.displaced(others, own.found), own.ratio)
+        moved = own.kernel.basis(physics.rows.data.q[fold], own.centres) @ coefficients
+        given[fold] = physics.displaced(fold, own.found)
+        given[fold] += _spread(physics, fold, moved)
+    errors = (_position_errors(physics, residual) for residual in (without, given))
+    return Trial(best_candidate(physics, every), *errors)
+
+
+def _spread(physics: Physics, poses: Poses, moved: Array) -> Array:
+    """What displacements (N', 3) do to the residuals, (N', m)."""
+    out = np.zeros((len(poses), physics.r.shape[1]))
+    out[:, physics.columns] = np.einsum("npij,nj->npi", physics.turns[poses], moved)
+    return out
 
 
 def _position_errors(physics: Physics, residual: Array) -> Array:

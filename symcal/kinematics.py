@@ -10,6 +10,8 @@ automatic differentiation gives, with about half the operations (the tests compa
 
 Joint terms (`symcal.joints`) move a joint by delta_i(q, x): whatever changes delta_i turns what is behind joint i about
 its axis, so the screw of a coordinate s gains sum_i (d delta_i / ds) U_i, U_i the screw of joint i.
+A remainder (`symcal.joints.remainder`) displaces the flange by f(q) along the axes of the base: the screw of joint i
+gains the slide df/dq_i.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from numpy.typing import NDArray
 
 from symcal import spatial
 from symcal.joints.arm import Arm
+from symcal.joints.remainder import SHIFTS, Remainder
 from symcal.parameters import ParameterSet, frame_names, link_name
 from symcal.robot.robot import ELEMENTS, Convention, Link, Robot, is_angle
 
@@ -159,6 +162,27 @@ class _Walk:
                 self.screws[name] = Screw(omegas[:, k], SX(3, 1), self.origin)
             self._turn(spatial.exp_rotation(r))
 
+    def displace(self, axes: SX, remainder: Remainder | None, q: SX, x: dict[str, SX]) -> None:
+        """A displacement along the axes of the base, by f(q) and by the parameters of a shift.
+
+        It does not turn with the links: what they turn by is as if they stood that much aside.
+        """
+        moved = ca.vertcat(*(x.get(name, 0) for name in SHIFTS))
+        slopes = SX(3, q.numel())
+        if remainder is not None:
+            value, slopes = remainder.expression(q)
+            moved = moved + value
+        aside = axes @ moved
+        for name in self.screws.keys() - set(frame_names("base")):
+            self.screws[name] = replace(self.screws[name], origin=self.screws[name].origin + aside)
+        for i in range(q.numel()):
+            screw = self.screws[_joint(i + 1)]
+            self.screws[_joint(i + 1)] = replace(screw, slide=screw.slide + axes @ slopes[:, i])
+        for axis, name in enumerate(SHIFTS):
+            if name in x:
+                self.screws[name] = Screw(SX(3, 1), axes[:, axis], SX(3, 1))
+        self.origin = self.origin + aside
+
     def _turn(self, rotation: SX) -> None:
         if rotation.is_constant():
             self._constant = self._constant @ rotation
@@ -199,6 +223,8 @@ def chain(robot: Robot, parameters: ParameterSet, *, conditions: bool = False) -
         _walk_link(walk, robot.convention, i, link, q[i - 1], error, moves.delta.get(i))
         links.append(walk.pose)
         on_links[link.joint.name] = walk.station(parameters)
+    if robot.remainder is not None or not set(SHIFTS).isdisjoint(error):
+        walk.displace(base.rotation, robot.remainder, q, error)
     flange, at_flange = walk.pose, walk.station(parameters)
     walk.place(*_frame(frames[12:]))
     walk.increment("tool", error)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +14,14 @@ from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Options
 from symcal.model.model import Model
+
+Refine = Callable[[Calibration, Dataset], Calibration]
+"""What is done with a calibration after it was identified from a dataset."""
+
+
+def as_it_is(calibration: Calibration, _: Dataset) -> Calibration:
+    """Nothing is done with it."""
+    return calibration
 
 
 def folds(data: Dataset, count: int, rng: np.random.Generator) -> list[NDArray[np.intp]]:
@@ -28,10 +36,12 @@ def folds(data: Dataset, count: int, rng: np.random.Generator) -> list[NDArray[n
 
 
 def cross_validate(
-    model: Model, data: Dataset, options: Options, count: int, rng: np.random.Generator
+    model: Model, data: Dataset, options: Options, count: int, rng: np.random.Generator, refine: Refine = as_it_is
 ) -> dict[str, Errors]:
     """Errors on held-out folds, each predicted by an identification on the other folds; pooled over all poses.
 
+    Args:
+        refine: what is done with the identification of every fold.
     Raises:
         RefusedError: too few poses for a fold's identification.
     """
@@ -41,7 +51,7 @@ def cross_validate(
         mask = np.zeros(len(data), dtype=bool)
         mask[held_out] = True
         labelled = replace(data, split=tuple("test" if out else "train" for out in mask))
-        result = calibrate(model, baseline, labelled, options)
+        result = refine(calibrate(model, baseline, labelled, options), labelled)
         for name, state in result.states.items():
             found = evaluate(state, data.take(held_out))
             parts.setdefault(name, []).append(replace(found, pose=held_out[found.pose]))

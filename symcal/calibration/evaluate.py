@@ -184,10 +184,14 @@ def expected_position_rms(model: Model, result: Fit, q: Array) -> Array:
     """
     index = model.parameters.indices(result.free)
     at, jacobian = model.points(q, result.x, result.setup.vector)
+    jacobian, own = jacobian[:, :, index], np.zeros(len(q))
+    if result.remainder is not None:
+        base = model.moved(result.setup, result.x).base[:3, :3]
+        jacobian, own = result.remainder.corrected(q, jacobian, base), 3 * result.remainder.variance(q)
     if model.measurement.adrift:  # only the instruments say where the world is
         jacobian = without_rigid_motion(at.reshape(-1, 3), jacobian)
-    rms = result.posterior.predicted_rms(jacobian[:, :, index])
-    return np.asarray(rms / np.sqrt(jacobian.shape[1] // 3))
+    rms = result.posterior.predicted_rms(jacobian)
+    return np.asarray(np.sqrt(rms**2 / (jacobian.shape[1] // 3) + own))
 
 
 def without_rigid_motion(points: Array, jacobian: Array) -> Array:

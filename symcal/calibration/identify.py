@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -20,6 +21,7 @@ from symcal.errors import InputError, RefusedError
 from symcal.fit.estimation import Fit, Options, fit
 from symcal.fit.noise import known_sigma, unknown_noise
 from symcal.fit.redundancy import check_redundancy
+from symcal.fit.remainder import Trial
 from symcal.fit.residual_rows import rows_of
 from symcal.model.measurement import Setup
 from symcal.model.model import Model, State, build_model
@@ -44,6 +46,8 @@ class Calibration:
     before_raw: nominal kinematics with the frames as given, where all are given.
     offsets: joint zeros and frames. after: all parameters that are not held. outliers: readings of the training data
         that the noise of the others does not explain. loss_choice: why which loss was taken, where that was asked.
+    trial: of a smooth remainder, where one was asked for. bare: the model without it, where it was kept; what is known
+        before and with joint zeros alone refers to that.
     """
 
     model: Model
@@ -57,6 +61,8 @@ class Calibration:
     searches: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     outliers: tuple[Outlier, ...] = ()
     loss_choice: LossChoice | None = None
+    trial: Trial | None = None
+    bare: Model | None = None
 
     @property
     def states(self) -> dict[str, State]:
@@ -64,7 +70,7 @@ class Calibration:
         raw = {} if self.before_raw is None else {"before_raw": self.before_raw}
         return raw | {
             "before": self.before,
-            "offsets_only": State(self.model, self.setup, self.offsets.x, self.before.unplaced),
+            "offsets_only": State(self.bare or self.model, self.setup, self.offsets.x, self.before.unplaced),
             "after": State(self.model, self.setup, self.after.x, self.before.unplaced),
         }
 
@@ -122,8 +128,15 @@ def calibrate(model: Model, baseline: Model | None, data: Dataset, options: Opti
     Args:
         baseline: from `baseline_model`.
     """
-    with _BLAS.limit(limits=1):  # small matrices: a second thread only costs
+    with one_thread():
         return _calibrate(model, baseline, data, options)
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Linear algebra on one thread while it lasts: matrices are small, and a second one only costs."""
+    with _BLAS.limit(limits=1):
+        yield
 
 
 def _calibrate(model: Model, baseline: Model | None, data: Dataset, options: Options) -> Calibration:

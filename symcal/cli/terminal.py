@@ -208,8 +208,6 @@ def print_robot(robot: Any) -> None:
     """A robot's links and limits, in mm and deg; its joint terms, and what it is known to weigh."""
     import numpy as np
 
-    from symcal.words import listed
-
     console = output()
     kinds = [k for k in ("theta", "d", "a", "alpha", "beta") if any(k in link.parameters for link in robot.links)]
     console.print(f"{escape(robot.name)}: {robot.dof} joints, {robot.convention} convention (rad shown in deg)")

@@ -119,7 +119,8 @@ class IdentificationConfig(Strict):
     scales: plausible size of a link parameter's error by name; priors: standard deviation of a prior, by name, instead
     of it. scale_factor: whether the data may make all plausible sizes larger by one factor, or they hold as stated;
     `scales: stated` says the latter in short. extend: joint terms beyond geometry that the data may ask for: `auto`, or
-    groups of them by name, such as [gravity, harmonics 1].
+    groups of them by name, such as [gravity, harmonics 1]. remainder: whether a smooth displacement over joint readings
+    is looked for in what geometry and joint terms leave, and kept where held-out poses prove it.
     """
 
     solver: Literal["levenberg_marquardt", "gauss_newton", "ipopt"] = "levenberg_marquardt"
@@ -130,6 +131,7 @@ class IdentificationConfig(Strict):
     scale_factor: Literal["estimated", "stated"] = "estimated"
     priors: dict[str, Positive] = {}
     extend: Literal["none", "auto"] | list[str] = "none"
+    remainder: Literal["none", "smooth"] = "none"
 
     @property
     def groups(self) -> tuple[str, ...]:

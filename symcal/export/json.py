@@ -12,6 +12,7 @@ import pandas as pd
 from symcal.errors import InputError
 from symcal.export.carries import left_out
 from symcal.export.corrections import corrections
+from symcal.export.remainder import refuse_remainder
 from symcal.joints import Term
 from symcal.joints.payload import PAYLOAD
 from symcal.robot.robot import Joint, Robot, frame_entry
@@ -75,8 +76,9 @@ def save_json(robot: Robot, path: Path | str) -> None:
     """Write `robot_json`.
 
     Raises:
-        InputError: the file cannot be written.
+        InputError: the file cannot be written. RefusedError: the robot has a remainder.
     """
+    refuse_remainder(robot, "JSON")
     text = json.dumps(robot_json(robot), indent=2, ensure_ascii=False, allow_nan=False, default=str)
     try:
         Path(path).write_text(text + "\n", encoding="utf-8")

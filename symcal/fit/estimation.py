@@ -25,6 +25,7 @@ from symcal.fit.identifiability import Identifiability, analyse
 from symcal.fit.noise import known_sigma, unknown_noise
 from symcal.fit.posterior import Posterior, posterior_of
 from symcal.fit.redundancy import check_redundancy
+from symcal.fit.remainder_posterior import RemainderPosterior
 from symcal.fit.residual_rows import Rows
 from symcal.fit.robust import LOSSES, REDESCENDING, Loss
 from symcal.fit.sandwich import sandwich
@@ -80,6 +81,7 @@ class Fit:
         measured.
     path: x at the start and after every accepted step, shape (k + 1, n).
     trouble: why the result should not be used, in a sentence; empty when everything converged.
+    remainder: what is not known of one that was found with it.
     """
 
     x: Array
@@ -101,6 +103,7 @@ class Fit:
     path: Array
     trouble: str = ""
     factors: Mapping[str, float] = field(default_factory=dict)
+    remainder: RemainderPosterior | None = None
 
     @property
     def every_factor(self) -> dict[str, float]:

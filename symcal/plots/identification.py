@@ -17,6 +17,7 @@ from symcal.plots.model_check import residuals_by_joint
 from symcal.plots.parameters import correlation_matrix, parameter_corrections
 from symcal.plots.poses import errors_per_pose
 from symcal.plots.prediction import predicted_error
+from symcal.plots.remainder import remainder
 from symcal.plots.residuals import residuals_per_axis
 from symcal.plots.spectrum import singular_values
 from symcal.plots.style import Comparison, Illustration
@@ -62,4 +63,6 @@ def identification_figures(
     points = any(o.instrument.gives_point for o in calibration.model.task.observations)
     if points and errors.get("test") and "test" in parts and errors["test"]["after"].of_tool:
         figures.append(predicted_error(calibration, parts["test"], errors["test"]["after"]))
+    if calibration.trial is not None:
+        figures.append(remainder(calibration, data))
     return tuple(figures)

@@ -29,7 +29,7 @@ from symcal.report.model_check import model_check_text
 from symcal.report.outliers import loss_words, outliers_text
 from symcal.report.parameter_table import parameter_table
 from symcal.report.verdict import judging_part, usable, verdict
-from symcal.words import MINUS, fixed, listed, number, plural
+from symcal.words import MINUS, fixed, listed, number, percent, plural
 
 Content = Mapping[str, Any]
 
@@ -251,9 +251,23 @@ def _facts(content: Content) -> list[list[str]]:
         facts.insert(1, ["loss", loss])
     if found.get("chi_squared") is not None:
         facts.append(["chi-squared", f"{number(found['chi_squared'], 4)}: squared residuals over their variances"])
+    if content.get("remainder"):
+        facts.append(["smooth remainder", _remainder(content["remainder"])])
     facts.append(["random seed", str(content["seed"])])
     facts.append(["versions", ", ".join(f"{name} {version}" for name, version in content["versions"].items())])
     return facts
+
+
+def _remainder(found: Mapping[str, Any]) -> str:
+    """What became of a smooth displacement over joint readings."""
+    text = f"{found['said']}, {found['folds']} folds"
+    if not found["kept"]:
+        return text
+    where = "working area" if found["outside_of"] == "area" else "joint limits"
+    return (
+        f"{text}; {found['centres']} centres, {number(found['amplitude_mm'])} mm per axis. It is zero away from the "
+        f"training poses: at {percent(found['outside'])} of random postures within the {where}"
+    )
 
 
 def _sizes(found: Mapping[str, Any], *, sees_length: bool) -> str:

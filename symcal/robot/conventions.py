@@ -230,6 +230,9 @@ def convert(robot: Robot, convention: Convention) -> Robot:
         )
     kept = {name: name for name in robot.term_parameters} | renamed
     scales = {kept[name]: value for name, value in robot.scales.items() if name in kept}
+    remainder = robot.remainder
+    if remainder is not None and convention == "standard":  # along the axes of the base, which has turned
+        remainder = replace(remainder, weights=remainder.weights @ moved[:3, :3])
     return replace(
         robot,
         convention=convention,
@@ -241,6 +244,7 @@ def convert(robot: Robot, convention: Convention) -> Robot:
         down=physics.down,
         masses=physics.masses,
         payload=physics.payload,
+        remainder=remainder,
     )
 
 

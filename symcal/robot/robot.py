@@ -23,6 +23,7 @@ from symcal.documents.document import write_document
 from symcal.errors import InputError
 from symcal.joints import Term, TermParameter
 from symcal.joints.arm import Mass, Payload
+from symcal.joints.remainder import Remainder
 from symcal.parameters import SCALE, Parameter, Unit, link_name
 from symcal.robot.schema import LINK_PARAMETERS, SCHEMA, CalibrationEntry, LinkEntry, read_robot_file
 from symcal.robot.schema import Convention as Convention
@@ -109,7 +110,7 @@ class Robot:
     base: T_world_base, tool: T_flange_tool; nominal, shape (4, 4), mm.
     scales: plausible size of an error by parameter name (mm, rad) where it is not the default.
     terms: what joints add to their readings. down: direction of gravity in base. masses, payload: what gravity pulls
-        at, as far as it is known.
+        at, as far as it is known. remainder: how the flange is displaced beyond all that.
     """
 
     name: str
@@ -123,6 +124,7 @@ class Robot:
     down: tuple[float, float, float] = DOWN
     masses: tuple[Mass, ...] = ()
     payload: Payload = field(default_factory=Payload)
+    remainder: Remainder | None = None
 
     @property
     def dof(self) -> int:
@@ -217,12 +219,17 @@ class Robot:
         return replace(self, links=links, terms=tuple(term.corrected(errors) for term in self.terms))
 
     def nominal(self) -> Robot:
-        """The robot before its calibration; itself if it was never calibrated."""
+        """The robot before its calibration, without a remainder: no controller has one; itself if it was never
+        calibrated."""
         if self.record is None:
             return self
         errors = {name: -value for name, value in self.record.errors.items() if name in self.parameters}
         return replace(
-            self.corrected(errors), base=self.record.nominal_base, tool=self.record.nominal_tool, record=None
+            self.corrected(errors),
+            base=self.record.nominal_base,
+            tool=self.record.nominal_tool,
+            record=None,
+            remainder=None,
         )
 
 
@@ -251,6 +258,7 @@ def load_robot(path: Path | str) -> Robot:
         down=physics.down,
         masses=physics.masses,
         payload=physics.payload,
+        remainder=physics.remainder,
     )
     units = {p.name: unit_factor(p.unit, length, angle) for p in robot.described}
     return replace(robot, scales={name: size * units[name] for name, size in file.scales.items()})
@@ -306,7 +314,7 @@ def save_robot(robot: Robot, path: Path | str, units: tuple[LengthUnit, AngleUni
     if robot.scales:
         factors = {p.name: unit_factor(p.unit, length, angle) for p in robot.described}
         data["scales"] = {name: value / factors[name] for name, value in robot.scales.items()}
-    physics = Physics(robot.terms, robot.down, robot.masses, robot.payload)
+    physics = Physics(robot.terms, robot.down, robot.masses, robot.payload, robot.remainder)
     data |= physics_entries(physics, [joint.name for joint in robot.joints], length, angle)
     if robot.record is not None:
         data["calibration"] = {

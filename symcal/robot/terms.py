@@ -1,4 +1,4 @@
-"""Joint terms, masses and gravity as a robot file says them."""
+"""Joint terms, masses, gravity and remainder as a robot file says them."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from symcal.documents.document import Document, Key, Strict
 from symcal.joints import TERMS, Term
 from symcal.joints.arm import Mass, Payload
 from symcal.joints.gravity import FLANGE, OWN, later
+from symcal.joints.remainder import Remainder
+from symcal.robot.remainder import RemainderEntry, remainder_entry
 from symcal.units import unit_factor
 
 Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
@@ -99,6 +101,7 @@ class Physics:
     down: tuple[float, float, float] = DOWN
     masses: tuple[Mass, ...] = ()
     payload: Payload = field(default_factory=Payload)
+    remainder: Remainder | None = None
 
 
 class PhysicsEntries(Strict):
@@ -108,6 +111,7 @@ class PhysicsEntries(Strict):
     gravity: Direction = Field(default_factory=lambda: list(DOWN))
     masses: list[MassEntry] = Field(default_factory=list)
     payload: PayloadEntry | None = None
+    remainder: RemainderEntry | None = None
 
     def read(self, document: Document, joints: Sequence[tuple[str, bool]], length: float, angle: float) -> Physics:
         """In mm and rad.
@@ -137,7 +141,9 @@ class PhysicsEntries(Strict):
                     message = f"'{term.name(label)}' stands in two terms"
                     raise document.error(message, ("terms", i, "term"))
         down = np.array(self.gravity) / np.linalg.norm(self.gravity)
-        return Physics(tuple(terms), (float(down[0]), float(down[1]), float(down[2])), tuple(masses), payload)
+        revolute = [turns for _, turns in joints]
+        rest = None if self.remainder is None else self.remainder.read(document, revolute, length, angle)
+        return Physics(tuple(terms), (float(down[0]), float(down[1]), float(down[2])), tuple(masses), payload, rest)
 
 
 def _scaled(at: Sequence[float], length: float) -> tuple[float, float, float]:
@@ -207,6 +213,8 @@ def physics_entries(physics: Physics, names: Sequence[str], length: float, angle
         ]
     if physics.payload != Payload():
         out["payload"] = {"mass_kg": physics.payload.kg, "at": [v / length for v in physics.payload.at]}
+    if physics.remainder is not None:
+        out["remainder"] = remainder_entry(physics.remainder, length, angle)
     return out
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symcal.calibration import results
 from symcal.calibration.claims import claim, extrapolation, worse
@@ -19,6 +20,7 @@ from symcal.calibration.extension_facts import extension_facts
 from symcal.calibration.identify import Calibration, baseline_model, calibrate
 from symcal.calibration.model_check import ModelCheck, model_check
 from symcal.calibration.model_words import model_check_facts, model_warnings
+from symcal.calibration.remainder import refined, remainder_facts, with_remainder
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, RenderedData, SimulatedData
 from symcal.data.dataset import Dataset
@@ -37,6 +39,7 @@ from symcal.runs.check import parallel_axes
 from symcal.runs.data import measurements
 from symcal.runs.load import Experiment
 
+Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
 
@@ -80,6 +83,9 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     progress("identifying")
     calibration, extended = _calibrated(experiment, measured)
     experiment = replace(experiment, model=calibration.model)
+    if experiment.file.identification.remainder == "smooth":
+        progress("looking for a smooth remainder")
+        calibration = with_remainder(calibration, measured, experiment.options, rng.spawn(1)[0])
     splits: list[str] = [split for split in ("train", "test") if split in measured.split]
     by_instrument = {
         split: {name: evaluate_each(state, measured.part(split)) for name, state in calibration.states.items()}
@@ -102,7 +108,8 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
         progress(f"cross-validating in {count} folds")
         used = measured.take(np.array([s != "unused" for s in measured.split]))
         try:
-            errors["cross_validation"] = cross_validate(experiment.model, used, experiment.options, count, rng)
+            refine = refined(calibration, experiment.options)
+            errors["cross_validation"] = cross_validate(experiment.model, used, experiment.options, count, rng, refine)
         except RefusedError as error:
             notes.append(f"cross-validation was not possible: {error}")
     notes += [*extrapolation(measured), *claim(errors)]
@@ -114,6 +121,7 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     check = _with_check(content, calibration, measured, experiment.options)
     content["instruments"] = instruments
     content["extension"] = None if extended is None else extension_facts(extended)
+    content["remainder"] = remainder_facts(calibration, np.random.default_rng(experiment.seed), _area(experiment))
     content["controller"] = correction_facts(calibration.robot)
     content["compensation"] = None if handover is None else handover_facts(handover)
     if found.images:
@@ -146,6 +154,13 @@ def _calibrated(experiment: Experiment, measured: Dataset) -> tuple[Calibration,
     except InputError as error:
         raise experiment.document.error(error.message, ("identification", "extend"), found=error.found) from None
     return extended.calibration, extended
+
+
+def _area(experiment: Experiment) -> tuple[Array, Array] | None:
+    """The working area, where the file says one."""
+    if not experiment.file.plan.area:
+        return None
+    return config.area_of(experiment.file, experiment.document, experiment.robot)
 
 
 def _spelling(file: ExperimentFile) -> list[str]:

@@ -24,6 +24,8 @@ from symcal.fit.residual_rows import rows_of
 from symcal.fit.score import score_of
 from symcal.joints.harmonics import Harmonics
 from symcal.model.model import build_model
+from symcal.plots.model_check import residuals_by_joint
+from symcal.report.model_check import model_check_text
 
 Array = NDArray[np.float64]
 
@@ -230,3 +232,30 @@ def test_every_kind_of_instrument_is_checked_without_a_false_word(case: str) -> 
         assert "pattern" in facts["sentence"]
         assert not lacks_physics(check)
         assert check.tests
+
+
+# ------------------------------------------------------------------------------------------------------- what is shown
+
+
+def test_the_figure_and_the_report_say_what_was_found() -> None:
+    check = drawn.planted("wave", np.random.default_rng(8))
+    shown = residuals_by_joint(check, ARM)
+    assert shown is not None
+    assert len(shown.figure.axes) == 6
+    assert "they follow joint 3" in shown.caption
+    assert "of it, a fitted wave" in [text.get_text() for text in shown.figure.legends[0].get_texts()]
+    text = model_check_text(model_check_facts(check))
+    assert text is not None
+    assert text["rows"][0][0] == "a wave of joint 3, 1 to a turn"
+    assert "mrad" in text["rows"][0][1]
+    assert model_check_text(None) is None
+
+
+def test_the_figure_draws_residuals_along_the_joint() -> None:
+    """The wave that was planted is in them, as large as its lever makes it."""
+    check = drawn.planted("wave", np.random.default_rng(8))
+    turn = check.q[:, 2]
+    waves = np.column_stack([np.sin(turn), np.cos(turn), np.ones_like(turn)])
+    rest = np.linalg.lstsq(waves, check.along[:, 2], rcond=None)[1]
+    assert float(rest[0]) < 0.6 * float(np.sum((check.along[:, 2] - check.along[:, 2].mean()) ** 2))
+    assert np.sqrt(np.mean(check.along**2)) == pytest.approx(0.1, rel=0.6)

@@ -82,7 +82,7 @@ class LeftOut:
                 for name, v in self.zeros.items()
             ]
             said.append(f"joint zeros were fitted by least squares to make up for it: {', '.join(shifts)}")
-        searched = f"(searched over the joints' limits: {POSTURES} random postures, corners, climbs from the worst)"
+        searched = f"(searched over the joints' ranges: {POSTURES} random postures, corners, climbs from the worst)"
         if CARRIES[self.way] == "none" or self.mm > 0 or self.rad > 0:
             sides = ", from whatever side the joints come" if CARRIES[self.way] == "nominal" else ""
             said.append(f"the tool is then up to {_size(self.mm, self.rad)} off{sides} {searched}")

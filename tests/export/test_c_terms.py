@@ -21,6 +21,7 @@ from symcal.export.c.terms import slope_rounding
 from symcal.export.c.vectors import jacobian, pose
 from symcal.export.json import robot_json
 from symcal.joints.backlash import Backlash
+from symcal.joints.harmonics import Harmonics
 from symcal.joints.ratio import Ratio
 from symcal.robot.robot import Robot
 
@@ -99,7 +100,7 @@ def test_the_self_test_knows_terms(name: str, tmp_path: Path) -> None:
 
 @needs_compiler
 def test_commands_compensated_in_c_arrive(rng: np.random.Generator, tmp_path: Path) -> None:
-    """The full Newton step converges in three steps: nine out of ten poses to rounding, none gets worse."""
+    """Three full Newton steps converge nearly always away from singular wrists and elbows; no pose gets worse."""
     robot = puma_with_terms()
     export = export_c(robot, tmp_path / "c")
     q = random_readings(robot, rng, 150)
@@ -109,10 +110,12 @@ def test_commands_compensated_in_c_arrive(rng: np.random.Generator, tmp_path: Pa
         out, residual, status = library.compensate(function, q)
         after, before = (by_json(robot, at) for at in (out, q))
         left, had = (_far(at, goal, numbers[1]) for at in (after, before))
-        assert (status == 0).mean() > (0.98 if function == "compensate" else 0.85)
+        regular = (np.abs(np.sin(q[:, 4])) > 0.4) & (np.abs(np.cos(q[:, 2])) > 0.3)
+        assert (status == 0).mean() > (0.95 if function == "compensate" else 0.7)
+        assert (status[regular] == 0).mean() > 0.9
         assert left[status == 0].max() < 2e-6
         assert (left <= had + 1e-9).all()
-        np.testing.assert_allclose(residual, left, atol=1e-9 + 1e-6 * left.max())
+        np.testing.assert_allclose(residual, left, atol=1e-9 + 1e-5 * left.max())
     found = check_c(export, robot, rng, 500)
     assert found is not None
     assert found.double_mm < DOUBLE * robot.reach
@@ -136,7 +139,9 @@ def test_caps_are_wide_enough_for_terms() -> None:
 
 
 def test_what_stays_at_nominal_is_said(tmp_path: Path) -> None:
-    robot = puma_with_terms()
+    arm = six_axis()
+    terms = tuple(Harmonics(i, True, k=(1, 2)) for i in (1, 2, 3))
+    robot = calibrated(replace(arm, links=arm.links[:3], terms=terms), np.random.default_rng(1))
     export = export_c(robot, tmp_path / "c")
     assert export.left_out is None
     header = (export.folder / "puma_kinematics.h").read_text()

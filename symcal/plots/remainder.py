@@ -62,8 +62,8 @@ def _caption(tried: Trial) -> str:
     below = percent(float(np.mean(tried.given < tried.without)))
     return (
         f"Errors of {len(tried.given)} training poses, each predicted by an identification without it, with a smooth "
-        f"remainder over those without. Below the dashed line it helped: {below} of the poses. Held-out rms {rms[0]} mm "
-        f"without and {rms[1]} mm with it; it was {'kept' if tried.kept else 'not kept'}."
+        f"remainder over those without. Below the dashed line it helped: {below} of the poses. Held-out rms {rms[0]} "
+        f"mm without and {rms[1]} mm with it; it was {'kept' if tried.kept else 'not kept'}."
     )
 
 

@@ -59,11 +59,11 @@ def measured(model: Model, rng: np.random.Generator, train: int = 150, test: int
     return concatenate(*sets)
 
 
-def tried(draw: int, robot: Robot | None = None) -> tuple[Calibration, Calibration, Dataset]:
+def tried(draw: int, robot: Robot | None = None, train: int = 150) -> tuple[Calibration, Calibration, Dataset]:
     """A simulated measurement identified without and with a remainder; that of ``robot``, else of the plain arm."""
     rng = np.random.default_rng([20260, draw])
     model = build_model(arm(), TASK)
-    data = measured(model if robot is None else build_model(robot, TASK), rng)
+    data = measured(model if robot is None else build_model(robot, TASK), rng, train)
     plain = calibrate(model, None, data, Options())
     return plain, with_remainder(plain, data, Options(), rng), data
 

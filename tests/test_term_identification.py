@@ -142,7 +142,6 @@ def test_backlash_is_found_from_the_order_of_the_poses():
         assert found.posterior.sigmas[k] < 3 * RAD
 
 
-@pytest.mark.xfail(strict=True, reason="a group whose factor falls to nothing takes its standard deviations with it")
 def test_small_numbers_are_known_no_better_than_the_data_tell():
     """One payload number, a fifth of its size and half of what the data tell: seen as nothing, it is not known."""
     robot = replace(ARM, terms=(PayloadTerm(5, True),))

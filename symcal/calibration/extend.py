@@ -88,10 +88,11 @@ class Extension:
 
 @dataclass(frozen=True, slots=True)
 class Extended:
-    """A calibration with the terms that were kept, and how they were found."""
+    """A calibration with the terms that were kept, how they were found, and the options of its fits."""
 
     calibration: Calibration
     extension: Extension
+    options: Options
 
 
 def calibrate_extended(
@@ -108,10 +109,11 @@ def calibrate_extended(
     groups = tuple(dict.fromkeys(p.group for term in terms for p in term.parameters))
     own = {p.group for p in model.robot.term_parameters.values()}
     full = with_terms(model, terms)
+    options = replace(options, shrinking=tuple(group for group in groups if group not in own))
     found = calibrate(full, baseline, data, options)
     train = data.part("train")
     at = _groups_of(full, train, found.after, options)
-    chosen = tuple(group for group in groups if group not in own)
+    chosen = options.shrinking
     folds, gains, kept, trial = _folds(at), dict[str, float](), list(chosen), dict[str, HeldOut]()
     rejected: list[str] = []
     while True:
@@ -151,7 +153,7 @@ def calibrate_extended(
         ),
         shared=shared,
     )
-    return Extended(last, extension)
+    return Extended(last, extension, options)
 
 
 def _joints(calibration: Calibration, group: str, shared: Sequence[SharedFinding]) -> tuple[JointFinding, ...]:

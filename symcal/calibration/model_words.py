@@ -28,10 +28,13 @@ _KINDS: dict[Kind, str] = {
 _SHOWN: dict[str, tuple[str, float]] = {"rad": ("mrad", 1e3), "mm": ("mm", 1.0), "px": ("px", 1.0)}
 
 
-def model_sentence(check: ModelCheck) -> str:
+def model_sentence(check: ModelCheck, tried: Sequence[str] = ()) -> str:
     """The verdict: what the residuals follow and what to switch on or measure, or that no test finds a pattern.
 
     The foremost causes are named; all of them are in the facts.
+
+    Args:
+        tried: groups of joint terms that the identification has tried, or `auto`.
     """
     if check.causes:
         by_kind: dict[Kind, list[Found]] = {}
@@ -41,7 +44,9 @@ def model_sentence(check: ModelCheck) -> str:
         followed = "; they ".join(each.what for each in said)
         more = list(by_kind)[_NAMED:]
         others = f"; less so {listed([_KINDS[kind] for kind in more])} (see the table)" if more else ""
-        advice = [each.means for each in said if each.means] + _extended([g for each in said for g in each.groups])
+        advice = [each.means for each in said if each.means] + _extended(
+            [g for each in said for g in each.groups], tried
+        )
         return f"the residuals {followed}{others}: {'; '.join(advice)}"
     if not check.tests:
         nothing = "the measurements leave too little over to look for a pattern in the residuals"
@@ -93,12 +98,14 @@ def _size(cause: Found) -> str:
     return f"{own}, {number(cause.at_tool, 2)} mm at the tool"
 
 
-def _extended(groups: Sequence[str]) -> list[str]:
-    """What to switch on."""
-    if not groups:
+def _extended(groups: Sequence[str], tried: Sequence[str]) -> list[str]:
+    """What to switch on, beside what was tried."""
+    had = AUTO if tuple(tried) == ("auto",) else tuple(tried)
+    new = [group for group in dict.fromkeys(groups) if group not in had]
+    if not new:
         return []
-    wanted = "auto" if set(groups) <= set(AUTO) else f"[{', '.join(dict.fromkeys(groups))}]"
-    return [f"add `identification: {{extend: {wanted}}}`"]
+    wanted = "auto" if not had and set(new) <= set(AUTO) else f"[{', '.join([*had, *new])}]"
+    return [f"set `identification: {{extend: {wanted}}}`"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,15 +179,15 @@ _SAID: dict[Kind, Callable[[Sequence[Found]], _Said]] = {
 }
 
 
-def model_warnings(check: ModelCheck) -> tuple[str, ...]:
+def model_warnings(check: ModelCheck, tried: Sequence[str] = ()) -> tuple[str, ...]:
     """The sentence, where the model lacks something."""
-    return (model_sentence(check),) if check.causes or check.lacking else ()
+    return (model_sentence(check, tried),) if check.causes or check.lacking else ()
 
 
-def model_check_facts(check: ModelCheck) -> dict[str, Any]:
+def model_check_facts(check: ModelCheck, tried: Sequence[str] = ()) -> dict[str, Any]:
     """All numbers for results.json; amplitudes of turning joints in rad, residuals in mm, rad or px."""
     return {
-        "sentence": model_sentence(check),
+        "sentence": model_sentence(check, tried),
         "level": LEVEL,
         "lacks": bool(check.causes or check.lacking),
         "lack_of_fit": [{**asdict(each), "said": each.said} for each in check.lack],

@@ -126,7 +126,7 @@ def quality(model: Model, data: Dataset, after: Fit, odd: StandingOut) -> tuple[
         )
     if not after.converged:
         notes.append(f"the identification did not converge: {after.trouble}")
-    notes += _outliers(odd, after.loss)
+    notes += outlier_notes(odd, after.loss)
     if after.factor > _LARGER:
         notes.append(
             f"the errors of this robot are about {after.factor:.2g} times as large as their plausible sizes: the robot "
@@ -269,7 +269,7 @@ def _size(model: Model, data: Dataset) -> float:
     return float(model.robot.length(data.q) + np.linalg.norm(model.robot.tool[:3, 3]))
 
 
-def _outliers(found: StandingOut, loss: Loss) -> list[str]:
+def outlier_notes(found: StandingOut, loss: Loss) -> list[str]:
     """Readings whose residual is no accident at the noise of the others."""
     notes = [
         f"{crowd.poses} of {crowd.of} training poses have a {crowd.group} residual beyond the noise: not outliers, but "

@@ -54,7 +54,9 @@ class Options:
 
     loss: `auto` is for an identification to choose (`symcal.calibration.loss_choice`); a single fit needs one.
     sigma: known noise per group (mm, rad, px), estimated where absent. scales: whether a common factor on the plausible
-        sizes of the link parameters is estimated, or they hold as stated.
+        sizes of the link parameters (and one on those of each group of joint terms) is estimated, or they hold as
+        stated. shrinking: groups of joint terms that may not be there at all: their factor is found whatever was
+        stated.
     """
 
     solver: SolverName = "levenberg_marquardt"
@@ -62,6 +64,7 @@ class Options:
     loss: Loss | Literal["auto"] = "linear"
     sigma: Mapping[str, float] = field(default_factory=dict)
     scales: Scales = "estimated"
+    shrinking: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,9 +172,10 @@ def variance_model(
     known = known_sigma(rows, options.sigma)
     missing = np.isnan(known) & rows.seen
     estimated = unknown_noise(rows, known)
-    stated = {LINKS} if options.scales == "stated" else set()
-    factors = tuple(name for name, own in system.groups.items() if own.any() and name not in stated)
-    return VarianceModel(system, known, missing, estimated, factors, options.loss, hold=options.loss in REDESCENDING)
+    found = options.shrinking if options.scales == "stated" else tuple(system.groups)
+    factors = tuple(name for name, own in system.groups.items() if own.any() and name in found)
+    hold = options.loss in REDESCENDING
+    return VarianceModel(system, known, missing, estimated, factors, options.loss, options.shrinking, hold)
 
 
 @dataclass(frozen=True, slots=True)

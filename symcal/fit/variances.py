@@ -68,7 +68,8 @@ class VarianceModel:
     """Which variances are unknown, and how to find them.
 
     known: standard deviation of each component, shape (N, m), NaN where unknown. missing: measured ones without it.
-    estimated: groups with unknown noise. factors: groups whose factor on the sizes is unknown.
+    estimated: groups with unknown noise. factors: groups whose factor on the sizes is unknown; shrinking: those of them
+    that may not be there at all, so that nothing draws the factor to one.
     """
 
     system: Whitened
@@ -77,6 +78,7 @@ class VarianceModel:
     estimated: tuple[str, ...]
     factors: tuple[str, ...]
     loss: Loss
+    shrinking: tuple[str, ...] = ()
     hold: bool = False
     """Robust weights alone are found: the noise stays."""
 
@@ -195,12 +197,12 @@ class VarianceModel:
             sizes = system.size_rows(x, group)
             if group not in self.factors:
                 fixed = np.vstack([fixed, sizes / variances.factors[group]])
-            elif group == LINKS:
+            elif group in self.shrinking:
+                blocks.append(Block(sizes, len(sizes), 2 * np.log(NOTHING), 2 * np.log(_LARGEST_TERM)))
+            else:
                 many = int(system.rows.seen.sum()) >= _MANY * len(system.free)
                 largest = 2 * np.log(_LARGEST_FACTOR if many else _DOUBTFUL_FACTOR)
                 blocks.append(Block(sizes, len(sizes), 2 * np.log(_SMALLEST_FACTOR), largest, _FACTOR_WIDTH))
-            else:
-                blocks.append(Block(sizes, len(sizes), 2 * np.log(NOTHING), 2 * np.log(_LARGEST_TERM)))
         return [*groups, *map(size_name, self.factors)], blocks, compressed(fixed)
 
     def _noise_block(self, name: str, linear: Linear, weights: Array) -> Block:

@@ -26,7 +26,7 @@ _NULL = 1e-9
 
 def lengths(parameters: ParameterSet) -> Array:
     """L, shape (n,), mm: nominal a and d of the links, zero for all else."""
-    return np.array([0.0 if p.unknown or p.unit != "mm" else p.nominal for p in parameters.items])
+    return np.array([0.0 if p.unknown or p.group or p.unit != "mm" else p.nominal for p in parameters.items])
 
 
 def growth_slope(chain: Chain) -> Array:

@@ -17,16 +17,17 @@ from symcal.calibration.compensation_check import POSES, Handover, hand_over
 from symcal.calibration.evaluate import Errors, evaluate_each, expected_position_rms, judging
 from symcal.calibration.extend import Extended, calibrate_extended, planned_model
 from symcal.calibration.extension_facts import extension_facts
+from symcal.calibration.gross import gross_alone
 from symcal.calibration.identify import Calibration, baseline_model, calibrate
-from symcal.calibration.model_check import ModelCheck, model_check
+from symcal.calibration.model_check import ModelCheck, lacks_physics, model_check
 from symcal.calibration.model_words import model_check_facts, model_warnings
+from symcal.calibration.outliers import outlier_facts
 from symcal.calibration.remainder import refined, remainder_facts, with_remainder
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, RenderedData, SimulatedData
 from symcal.data.dataset import Dataset
 from symcal.errors import InputError, RefusedError
 from symcal.export.results import correction_facts, handover_facts
-from symcal.fit.estimation import Options
 from symcal.images.entries import EntryImages
 from symcal.images.facts import camera_facts, point_facts
 from symcal.images.rendered_boards import RenderedBoards
@@ -83,6 +84,8 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     progress("identifying")
     calibration, extended = _calibrated(experiment, measured)
     experiment = replace(experiment, model=calibration.model)
+    if extended is not None:
+        experiment = replace(experiment, options=extended.options)
     if experiment.file.identification.remainder == "smooth":
         progress("looking for a smooth remainder")
         calibration = with_remainder(calibration, measured, experiment.options, rng.spawn(1)[0])
@@ -118,7 +121,7 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     instruments = results.instrument_facts(experiment.model.task, by_instrument)
     notes += worse(instruments)
     content = _content(experiment, measured, inputs, calibration, errors, notes)
-    check = _with_check(content, calibration, measured, experiment.options)
+    check, calibration = _with_check(content, calibration, measured, experiment)
     content["instruments"] = instruments
     content["extension"] = None if extended is None else extension_facts(extended)
     content["remainder"] = remainder_facts(calibration, np.random.default_rng(experiment.seed), _area(experiment))
@@ -181,7 +184,7 @@ def _with_images(experiment: Experiment, progress: Progress) -> Outcome:
     notes = [*found.notes, *claim(found.errors)]
     inputs = (experiment.document.path, experiment.robot_path, *found.inputs)
     content = _content(replace(experiment, model=found.model), found.data, inputs, calibration, found.errors, notes)
-    check = _with_check(content, calibration, found.data, experiment.options)
+    check, calibration = _with_check(content, calibration, found.data, experiment)
     content |= found.facts
     content["against"] = AGAINST
     content["measurement"] |= {"error": ERROR, "of_tool": True}  # positions against the truth
@@ -194,12 +197,21 @@ def _with_images(experiment: Experiment, progress: Progress) -> Outcome:
     )
 
 
-def _with_check(content: dict[str, Any], calibration: Calibration, data: Dataset, options: Options) -> ModelCheck:
-    """The check of the model, its facts and warnings added to the content."""
-    check = model_check(calibration, data, options)
-    content["model_check"] = model_check_facts(check)
-    content["warnings"] += model_warnings(check)
-    return check
+def _with_check(
+    content: dict[str, Any], calibration: Calibration, data: Dataset, experiment: Experiment
+) -> tuple[ModelCheck, Calibration]:
+    """The check of the model, its facts and warnings added to the content; what the model lacks makes no outliers."""
+    check = model_check(calibration, data, experiment.options)
+    tried = experiment.file.identification.groups
+    content["model_check"] = model_check_facts(check, tried)
+    content["warnings"] += model_warnings(check, tried)
+    if not lacks_physics(check):
+        return check, calibration
+    gross = gross_alone(calibration)
+    said = [note for note in content["warnings"] if note not in calibration.notes or note in gross.notes]
+    content["warnings"] = said + [note for note in gross.notes if note not in said]
+    content["outliers"] = outlier_facts(gross.outliers)
+    return check, gross
 
 
 def _handover(experiment: Experiment, calibration: Calibration, truth: Robot, rng: np.random.Generator) -> Handover:

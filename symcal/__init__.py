@@ -18,11 +18,11 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from symcal.calibration.calibrate import Calibration as Calibration
     from symcal.calibration.compare import compare as compare
     from symcal.calibration.compare import cross_validate as cross_validate
     from symcal.calibration.evaluate import evaluate as evaluate
     from symcal.calibration.evaluate import statistics as statistics
-    from symcal.calibration.identify import Calibration as Calibration
     from symcal.calibration.identify import identify as identify
     from symcal.calibration.simulate import simulate as simulate
     from symcal.camera.board import Board as Board
@@ -108,7 +108,7 @@ _HOME = {
     "export_c": "export",
     "save_json": "export",
     "save_urdf": "export",
-    "Calibration": "calibration.identify",
+    "Calibration": "calibration.calibrate",
     "identify": "calibration.identify",
     "load_measurements": "data.measurement_file",
     "save_measurements": "data.saved_measurements",

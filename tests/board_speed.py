@@ -11,7 +11,7 @@ import time
 import numpy as np
 from boards import LARGE, ROBOT, board, errors, eye_in_hand, measured, postures
 
-from symcal.calibration.identify import calibrate
+from symcal.calibration.calibrate import calibrate
 from symcal.fit.estimation import Options
 from symcal.model.model import build_model
 

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from symcal.calibration import extend
-from symcal.calibration.extend import Extended, calibrate_extended
-from symcal.calibration.identify import baseline_model
+from symcal.calibration.calibrate import Calibration, baseline_model
+from symcal.calibration.extend import calibrate_extended
 from symcal.calibration.simulate import simulate
 from symcal.fit.estimation import Options
 from symcal.instruments.noise import Noise
@@ -78,7 +78,7 @@ def models(case: Case) -> tuple[Model, Model]:
 
 @dataclass(frozen=True)
 class Draw:
-    extended: Extended
+    calibration: Calibration
     truth: dict[str, float]
     squared_error: float
     bound: float
@@ -109,8 +109,7 @@ def draw(case: Case, seed: int) -> Draw:
     test = centre + rng.uniform(-1, 1, (TEST, 6)) * half * case.range_share
     x = true.parameters.vector(truth)
     at, slopes = true.points(test, x, true.setup.vector)
-    calibration = found.calibration
-    own, _ = calibration.model.points(test, calibration.after.x, calibration.setup.vector)
+    own, _ = found.model.points(test, found.after.x, found.setup.vector)
     squared = float(np.mean(np.sum((own - at) ** 2, axis=1)))
     _, seen = true.points(q, x, true.setup.vector)
     scales = true.parameters.scales
@@ -148,7 +147,7 @@ def _cached(make):  # type: ignore[no-untyped-def]
 
 def report(name: str, case: Case, draws: list[Draw]) -> None:
     """Print how often groups were kept and joints named, and errors over the bound."""
-    found = [d.extended.extension for d in draws]
+    found = [d.calibration.extension for d in draws]
     true = {"harmonics 1": {1, 3} if case.wave else set(), "gravity": {2, 3} if case.compliance else set()}
     kept = {g.name: sum(g.name in e.kept for e in found) for g in found[0].groups}
     named = [{(g.name, j.joint) for g in e.groups if g.kept for j in g.joints if j.named} for e in found]
@@ -163,7 +162,7 @@ def report(name: str, case: Case, draws: list[Draw]) -> None:
         return
     good = strong = 0
     for d in draws:
-        waves = [j for g in d.extended.extension.groups if g.name == "harmonics 1" for j in g.joints]
+        waves = [j for g in d.calibration.extension.groups if g.name == "harmonics 1" for j in g.joints]
         waves = [j for j in waves if j.joint in (1, 3) and j.phase is not None]
         off = []
         for j in waves:

@@ -19,7 +19,7 @@ from cases import QUARTER, revolute
 from scipy.spatial.transform import Rotation
 from scipy.stats import ortho_group
 
-from symcal.calibration.identify import Calibration, calibrate
+from symcal.calibration.calibrate import Calibration, calibrate
 from symcal.calibration.simulate import simulate
 from symcal.data.dataset import Dataset
 from symcal.fit.estimation import Options

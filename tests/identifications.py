@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from symcal.calibration import results
+from symcal.calibration.calibrate import Calibration, baseline_model, calibrate
 from symcal.calibration.compare import compare
 from symcal.calibration.evaluate import Errors, evaluate_each, expected_position_rms
-from symcal.calibration.identify import Calibration, baseline_model, calibrate
 from symcal.calibration.simulate import concatenate, simulate
 from symcal.data.dataset import Dataset
 from symcal.fit.estimation import Options

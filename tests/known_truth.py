@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from symcal.calibration.identify import calibrate
+from symcal.calibration.calibrate import calibrate
 from symcal.calibration.simulate import simulate
 from symcal.camera.board import parse_board
 from symcal.camera.camera import INTRINSIC_NAMES, Camera

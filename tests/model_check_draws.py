@@ -22,7 +22,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 from strategies import random_frame
 
-from symcal.calibration.identify import calibrate
+from symcal.calibration.calibrate import calibrate
 from symcal.calibration.model_check import ModelCheck, lacks_physics, model_check
 from symcal.calibration.simulate import simulate
 from symcal.errors import RefusedError

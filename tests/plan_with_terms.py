@@ -15,8 +15,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from extension_draws import NOISE, arm, say
 
+from symcal.calibration.calibrate import baseline_model, calibrate
 from symcal.calibration.candidates import gravity_terms
-from symcal.calibration.identify import baseline_model, calibrate
 from symcal.calibration.simulate import simulate
 from symcal.instruments.noise import Noise
 from symcal.joints.harmonics import Harmonics

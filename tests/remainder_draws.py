@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from symcal import spatial
-from symcal.calibration.identify import Calibration, calibrate
+from symcal.calibration.calibrate import Calibration, calibrate
 from symcal.calibration.remainder import with_remainder
 from symcal.calibration.simulate import concatenate, simulate
 from symcal.data.dataset import Dataset

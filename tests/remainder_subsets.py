@@ -12,9 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from symcal.calibration.calibrate import calibrate
 from symcal.calibration.candidates import candidates
 from symcal.calibration.evaluate import evaluate
-from symcal.calibration.identify import calibrate
 from symcal.calibration.remainder import with_remainder
 from symcal.model.model import build_model
 from symcal.runs.data import measurements

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from few_poses import model_of, poses, somewhere
 
-from symcal.calibration.identify import Calibration, calibrate
+from symcal.calibration.calibrate import Calibration, calibrate
 from symcal.calibration.simulate import simulate
 from symcal.data.dataset import Dataset
 from symcal.fit.estimation import Options

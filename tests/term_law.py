@@ -20,7 +20,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 from term_witness import poses
 
-from symcal.calibration.identify import Calibration, calibrate
+from symcal.calibration.calibrate import Calibration, calibrate
 from symcal.data.dataset import Dataset, readings
 from symcal.fit.estimation import Options
 from symcal.joints import Term

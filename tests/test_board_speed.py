@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from boards import LARGE, ROBOT, board, built, errors, eye_in_hand, measured, postures
 
-from symcal.calibration.identify import calibrate
+from symcal.calibration.calibrate import calibrate
 from symcal.fit.estimation import Options
 from symcal.fit.residual_rows import rows_of
 from symcal.model.model import build_model

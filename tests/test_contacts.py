@@ -15,7 +15,7 @@ from known_truth import SCENARIOS, Scenario, Witness, kind, measured, told
 from numpy.typing import NDArray
 
 import symcal as sc
-from symcal.calibration.identify import calibrate
+from symcal.calibration.calibrate import calibrate
 from symcal.config import conversion as config
 from symcal.errors import InputError, RefusedError
 from symcal.fit.estimation import Fit, Options

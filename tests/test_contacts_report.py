@@ -17,8 +17,8 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from symcal import plots
+from symcal.calibration.calibrate import baseline_model, calibrate
 from symcal.calibration.evaluate import evaluate_each
-from symcal.calibration.identify import baseline_model, calibrate
 from symcal.calibration.record import recorded_task
 from symcal.calibration.results import calibration_facts
 from symcal.cli.terminal import print_accuracy

@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 from strategies import random_frame
 
 from symcal.calibration import compare as module
+from symcal.calibration.calibrate import calibrate
 from symcal.calibration.compare import compare, cross_validate, folds
 from symcal.calibration.evaluate import evaluate, expected_position_rms, statistics
-from symcal.calibration.identify import calibrate
 from symcal.data.dataset import Dataset, readings
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Options

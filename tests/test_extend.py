@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from extension_draws import CASES, Case, arm, draw, models, true_values
 
+from symcal.calibration.calibrate import baseline_model, calibrate
 from symcal.calibration.candidates import candidates
 from symcal.calibration.extend import calibrate_extended
-from symcal.calibration.identify import baseline_model, calibrate
 from symcal.calibration.simulate import simulate
 from symcal.errors import InputError
 from symcal.fit.estimation import Options
@@ -28,13 +28,13 @@ def elastic():
 
 
 def groups(found):
-    return {group.name: group for group in found.extended.extension.groups}
+    return {group.name: group for group in found.calibration.extension.groups}
 
 
 def test_waves_and_compliance_are_kept_and_named(elastic):
     for found in elastic:
         kept = groups(found)
-        assert found.extended.extension.kept == ("gravity", "harmonics 1")
+        assert found.calibration.extension.kept == ("gravity", "harmonics 1")
         assert {1, 3} <= {joint.joint for joint in kept["harmonics 1"].joints if joint.named}
         assert {2, 3} <= {joint.joint for joint in kept["gravity"].joints if joint.named}
 
@@ -57,7 +57,7 @@ def test_the_error_to_the_truth_is_near_the_bound_of_the_true_model(elastic):
 
 def test_the_first_harmonic_of_joint_2_is_one_with_the_moment_of_its_own_link(elastic):
     for found in elastic:
-        assert [each.joint for each in found.extended.extension.shared] == [2]
+        assert [each.joint for each in found.calibration.extension.shared] == [2]
         (second,) = (joint for joint in groups(found)["harmonics 1"].joints if joint.joint == 2)
         assert second.summed
         assert not second.named
@@ -79,9 +79,9 @@ def test_on_a_wall_joint_1_is_summed_too():
 def test_without_any_term_the_robot_is_the_one_of_geometry_alone():
     found = draw(CASES["nothing"], 1)
     model, _ = models(CASES["nothing"])
-    assert found.extended.extension.kept == ()
-    assert found.extended.calibration.model is model
-    assert not found.extended.calibration.robot.terms
+    assert found.calibration.extension.kept == ()
+    assert found.calibration.model is model
+    assert not found.calibration.robot.terms
 
 
 def test_a_wave_that_a_point_near_its_axis_does_not_show_is_unseen():

@@ -14,8 +14,8 @@ from cases import revolute
 from few_poses import Case, best_truncation, draw, identified, measured_at, poses, summary, true_rms
 from scipy import stats
 
+from symcal.calibration.calibrate import Calibration, calibrate
 from symcal.calibration.evaluate import evaluate, expected_position_rms, statistics
-from symcal.calibration.identify import Calibration, calibrate
 from symcal.calibration.simulate import simulate
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Fit, Options, fit

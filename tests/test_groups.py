@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 from term_law import measured
 
 from symcal.fit.estimation import Options, fit, variance_model
-from symcal.fit.groups import ENOUGH, groups_at
+from symcal.fit.groups import enough, groups_at
 from symcal.fit.residual_rows import rows_of
 from symcal.fit.variance_components import at_variances
 from symcal.fit.variances import NOTHING, Variances
@@ -40,7 +40,7 @@ def fitted():
     truth = {p.name: 0.1 * float(rng.normal() * p.scale) for p in model.parameters.items if not p.group} | TRUE
     q = rng.uniform(ARM.lower, ARM.upper, (30, 6))
     data = measured(robot, truth, q, rng)
-    options = Options(scales="stated")
+    options = Options(scales="stated", shrinking=NAMES)
     rows = rows_of(model.measurement, data, model.setup, model.residuals)
     found = fit(rows, model.kinematic, options)
     system = variance_model(rows, model.kinematic, options)
@@ -147,7 +147,7 @@ def test_what_is_not_there_is_left_out_one_after_the_other():
     assert out.kept == ("harmonics 2", "ratio")
     assert set(out.gains) == set(NAMES)
     for name in NAMES:
-        assert (out.gains[name] > ENOUGH) == (name in out.kept)
+        assert (out.gains[name] > enough(len(NAMES))) == (name in out.kept)
     # gains of what is kept are those beside it alone
     gone = ("harmonics 1", "coupling")
     wanted = groups.without((*gone, "ratio")).value - groups.without(gone).value

@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from strategies import random_frame, seeds
 
+from symcal.calibration.calibrate import Calibration, baseline_model, calibrate
 from symcal.calibration.evaluate import evaluate, expected_position_rms
-from symcal.calibration.identify import Calibration, baseline_model, calibrate, identify
+from symcal.calibration.identify import identify
 from symcal.calibration.simulate import simulate
 from symcal.data.dataset import Dataset
 from symcal.errors import InputError, RefusedError

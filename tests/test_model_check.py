@@ -12,7 +12,7 @@ from cases import ARM, measure, random_errors
 from numpy.typing import NDArray
 from scipy import stats
 
-from symcal.calibration.identify import calibrate
+from symcal.calibration.calibrate import calibrate
 from symcal.calibration.lack_of_fit import postures
 from symcal.calibration.model_check import ModelCheck, lacks_physics, model_check
 from symcal.calibration.model_words import model_check_facts, model_sentence, model_warnings

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from strategies import generators, random_robot, readings
 
 from symcal import spatial
+from symcal.calibration.calibrate import calibrate
 from symcal.calibration.evaluate import evaluate, expected_position_rms
-from symcal.calibration.identify import calibrate
 from symcal.calibration.remainder import outside, physics_of, remainder_facts, with_remainder
 from symcal.compensation.compensate import compensate
 from symcal.compensation.targets import commanded, tool_pose

@@ -12,8 +12,8 @@ from robust_draws import draw, judged
 from scipy import integrate, stats
 from strategies import random_frame
 
+from symcal.calibration.calibrate import Calibration, calibrate
 from symcal.calibration.compare import cross_validate
-from symcal.calibration.identify import Calibration, calibrate
 from symcal.calibration.loss_choice import choose_loss
 from symcal.data.dataset import Dataset
 from symcal.errors import InputError

@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from term_law import MASSES, SETS, identified, measured
 
 from symcal import plots
-from symcal.calibration.identify import Calibration
+from symcal.calibration.calibrate import Calibration
 from symcal.calibration.results import identification_facts
 from symcal.config.experiment import Units
 from symcal.model.model import build_model

@@ -12,7 +12,7 @@ import pytest
 from cases import ARM, measure, random_errors
 from strategies import random_frame
 
-from symcal.calibration.identify import Calibration, calibrate
+from symcal.calibration.calibrate import Calibration, calibrate
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Options

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.calibration.calibrate import Calibration, baseline_model, calibrate
 from symcal.calibration.evaluate import Errors, evaluate, pooled
-from symcal.calibration.identify import Calibration, baseline_model, calibrate
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Options

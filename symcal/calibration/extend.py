@@ -8,14 +8,15 @@ with those that are left is identified as any other. The way is ours.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.calibration.calibrate import Calibration, calibrate
 from symcal.calibration.candidates import CONDITIONED, candidates
-from symcal.calibration.identify import Calibration, calibrate
-from symcal.calibration.joint_findings import JointFinding, SharedFinding, joint_findings, shared_findings
+from symcal.calibration.extension import Extension, GroupFinding, HeldOut, JointFinding, SharedFinding
+from symcal.calibration.joint_findings import joint_findings, shared_findings
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Fit, Options, variance_model
@@ -33,72 +34,12 @@ FOLDS = 5
 _AGAINST = 2.0  # standard errors by which held-out poses must be worse for a group to be left out
 
 
-@dataclass(frozen=True, slots=True)
-class HeldOut:
-    """Residuals of poses in folds, without and with a group.
-
-    without, with_: rms of the first noise group's readings, mm, rad or px. better: mean of the paired differences of
-    the whitened squares of poses, without less with, over its standard error.
-    """
-
-    without: float
-    with_: float
-    better: float
-
-
-@dataclass(frozen=True, slots=True)
-class GroupFinding:
-    """What became of a group.
-
-    scale: factor on the plausible size of its numbers that the data ask for. rejected: whether held-out poses spoke
-    against it although it gained. gain: twice the gain in log marginal likelihood. joints: what was found at each.
-    """
-
-    name: str
-    kept: bool
-    scale: float
-    rejected: bool
-    gain: float
-    held_out: HeldOut
-    joints: tuple[JointFinding, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Extension:
-    """What an identification beyond geometry found.
-
-    wanted: groups that were asked for, or `auto`. poses: that it was found by, in so many folds. geometry, chosen:
-    held-out rms of the first noise group without any candidate and with those kept. quantity, unit: what that is.
-    """
-
-    wanted: tuple[str, ...]
-    poses: int
-    folds: int
-    quantity: str
-    unit: str
-    geometry: float
-    chosen: float
-    groups: tuple[GroupFinding, ...]
-    shared: tuple[SharedFinding, ...] = ()
-
-    @property
-    def kept(self) -> tuple[str, ...]:
-        return tuple(group.name for group in self.groups if group.kept)
-
-
-@dataclass(frozen=True, slots=True)
-class Extended:
-    """A calibration with the terms that were kept, how they were found, and the options of its fits."""
-
-    calibration: Calibration
-    extension: Extension
-    options: Options
-
-
 def calibrate_extended(
     model: Model, baseline: Model | None, data: Dataset, options: Options, wanted: Sequence[str]
-) -> Extended:
-    """`symcal.calibration.identify.calibrate` of a robot with the joint terms that the data ask for.
+) -> Calibration:
+    """`symcal.calibration.calibrate.calibrate` of a robot with the joint terms that the data ask for.
+
+    What was found is the result's ``extension``.
 
     Args:
         model: of the robot without them. wanted: `("auto",)` or names of groups (`candidates.GROUPS`).
@@ -153,7 +94,7 @@ def calibrate_extended(
         ),
         shared=shared,
     )
-    return Extended(last, extension, options)
+    return replace(last, extension=extension)
 
 
 def _joints(calibration: Calibration, group: str, shared: Sequence[SharedFinding]) -> tuple[JointFinding, ...]:
@@ -161,6 +102,12 @@ def _joints(calibration: Calibration, group: str, shared: Sequence[SharedFinding
     sums = {each.joint for each in shared} if group == "harmonics 1" else set()
     found = joint_findings(calibration, group)
     return tuple(replace(each, named=False, summed=True) if each.joint in sums else each for each in found)
+
+
+def shrinking(calibration: Calibration, options: Options) -> Options:
+    """The options of further fits of this robot: groups that were tried stay such as may not be there."""
+    found = calibration.extension
+    return options if found is None else replace(options, shrinking=tuple(group.name for group in found.groups))
 
 
 def with_terms(model: Model, terms: Sequence[Term]) -> Model:

@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from symcal.calibration.extend import Extended, GroupFinding
-from symcal.calibration.joint_findings import JointFinding, SharedFinding
+from symcal.calibration.extension import Extension, GroupFinding, JointFinding, SharedFinding
 from symcal.fit.groups import enough
 from symcal.units import DEGREES, SHOWN_UNITS
 
 
-def extension_facts(extended: Extended) -> dict[str, Any]:
-    """The groups with scale, gain and held-out errors, and what was found at every joint."""
-    found = extended.extension
+def extension_facts(found: Extension | None) -> dict[str, Any] | None:
+    """The groups with scale, gain and held-out errors, and what was found at every joint; None if none was tried."""
+    if found is None:
+        return None
     factor = DEGREES if found.unit == "rad" else 1.0
     return {
         "wanted": list(found.wanted),

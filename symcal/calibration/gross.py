@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from symcal.calibration.identify import Calibration
+from symcal.calibration.calibrate import Calibration
 from symcal.calibration.outliers import StandingOut
 from symcal.calibration.warnings import outlier_notes
 from symcal.words import plural

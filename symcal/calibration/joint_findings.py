@@ -8,7 +8,7 @@ many degrees of freedom as numbers if it has no such term, is beyond its 1e-3 po
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from symcal import kinematics
-from symcal.calibration.identify import Calibration
+from symcal.calibration.calibrate import Calibration
+from symcal.calibration.extension import JointFinding, SharedFinding
 from symcal.joints.gravity import OWN, Gravity
 from symcal.kernels import batch_function
 from symcal.robot.robot import Robot
@@ -29,53 +30,6 @@ _SEEN = 1.0  # information over that of the plausible size: as everywhere
 _SAMPLES = 200
 _SAME = 1e-9
 _SOME = 1e-3
-
-
-@dataclass(frozen=True, slots=True)
-class JointFinding:
-    """A group's numbers at one joint.
-
-    joint: from one. names: of the numbers. values, sigmas: in their units. p: probability of as much without a cause.
-    named: whether that is small enough. seen: how many directions of the numbers the data see better than their
-    plausible size, or the one that the group was found to have. amplitude, phase: of waves a sin(k q + phase), with
-    their standard deviations; rad or mm, rad. smallest: amplitude that these data would name. summed:
-    whether only its sum with the gravity moment of the own link means anything (`SharedFinding`): it is then not named.
-    """
-
-    joint: int
-    name: str
-    names: tuple[str, ...]
-    values: tuple[float, ...]
-    sigmas: tuple[float, ...]
-    p: float
-    named: bool
-    seen: int
-    unit: str
-    amplitude: float | None = None
-    amplitude_sigma: float | None = None
-    phase: float | None = None
-    phase_sigma: float | None = None
-    smallest: float | None = None
-    summed: bool = False
-
-    @property
-    def unseen(self) -> bool:
-        return self.seen == 0
-
-
-@dataclass(frozen=True, slots=True)
-class SharedFinding:
-    """What the first harmonic of a joint and the gravity moment of its own link are together: no pose tells them apart.
-
-    amplitude, phase: of the sum, a sin(q + phase), with standard deviations.
-    """
-
-    joint: int
-    name: str
-    amplitude: float
-    amplitude_sigma: float
-    phase: float
-    phase_sigma: float
 
 
 def joint_findings(calibration: Calibration, group: str) -> tuple[JointFinding, ...]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtr
 from scipy.stats import spearmanr
 
-from symcal.calibration.identify import Calibration
+from symcal.calibration.calibrate import Calibration
 from symcal.calibration.lack_of_fit import LackOfFit, lack_of_fit
 from symcal.calibration.patterns import Kind, Pattern, drifts, joint_patterns, joint_rows
 from symcal.data.dataset import Dataset

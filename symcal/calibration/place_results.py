@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from symcal import spatial
+from symcal.calibration.calibrate import Calibration
 from symcal.calibration.held_out_places import HeldOutPlaces
-from symcal.calibration.identify import Calibration
 from symcal.calibration.length import unseen_length
 from symcal.model.measurement import Setup
 from symcal.model.model import Model

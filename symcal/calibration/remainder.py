@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.calibration.calibrate import Calibration, calibrated_robot, one_thread
 from symcal.calibration.compare import Refine, as_it_is, folds
-from symcal.calibration.identify import Calibration, calibrated_robot, one_thread
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.fit.correlated_rows import correlated, field_of

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from symcal.calibration.calibrate import Calibration
 from symcal.calibration.evaluate import Errors, Statistics, statistics
 from symcal.calibration.held_out_places import held_out_places
-from symcal.calibration.identify import Calibration
 from symcal.calibration.outliers import outlier_facts
 from symcal.calibration.place_results import frame_facts, known_facts, length_facts, settled_facts
 from symcal.data.dataset import Dataset

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from symcal import spatial
 from symcal.calibration.aligned import aligned_errors, centres, target_points
+from symcal.calibration.calibrate import Calibration
 from symcal.calibration.evaluate import Errors
-from symcal.calibration.identify import Calibration
 from symcal.data.dataset import Dataset
 from symcal.fit.estimation import Fit, Options, fit
 from symcal.fit.residual_rows import rows_of

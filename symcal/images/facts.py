@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.calibration.aligned import aligned_errors, expected_centre_rms, target_points
+from symcal.calibration.calibrate import Calibration
 from symcal.calibration.evaluate import Errors, statistics
-from symcal.calibration.identify import Calibration
 from symcal.camera.camera import INTRINSIC_NAMES, Camera, project_points
 from symcal.data.dataset import Dataset
 from symcal.fit.residual_rows import rows_of

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.calibration.aligned import aligned_errors, centres, target_points
+from symcal.calibration.calibrate import Calibration, baseline_model, calibrate
 from symcal.calibration.compensation_check import true_robot
 from symcal.calibration.evaluate import Errors
-from symcal.calibration.identify import Calibration, baseline_model, calibrate
 from symcal.calibration.simulate import simulate
 from symcal.camera.camera import Camera
 from symcal.camera.files import read_camera

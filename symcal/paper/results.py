@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.calibration.calibrate import Calibration
 from symcal.calibration.evaluate import Statistics, statistics
-from symcal.calibration.identify import Calibration
 from symcal.data.dataset import Dataset
 from symcal.fit.estimation import Fit
 from symcal.fit.identifiability import Identifiability

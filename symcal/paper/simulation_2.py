@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.calibration.identify import baseline_model, calibrate
+from symcal.calibration.calibrate import baseline_model, calibrate
 from symcal.calibration.simulate import simulate
 from symcal.config.study import SimulationOneConfig
 from symcal.data.dataset import Dataset

@@ -13,9 +13,9 @@ from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import ScaledTranslation
 from numpy.typing import NDArray
 
+from symcal.calibration.calibrate import Calibration
 from symcal.calibration.evaluate import Errors, evaluate_each, pooled
 from symcal.calibration.held_out_places import HeldOutPlaces, held_out_places
-from symcal.calibration.identify import Calibration
 from symcal.data.dataset import Dataset
 from symcal.model.measurement import Setup
 from symcal.planning.skeleton import Skeleton, skeleton

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
 
+from symcal.calibration.calibrate import Calibration
 from symcal.calibration.evaluate import Errors, evaluate
 from symcal.calibration.held_out_places import HeldOutPlaces, held_out_places
-from symcal.calibration.identify import Calibration
 from symcal.data.dataset import Dataset
 from symcal.model.model import State
 from symcal.placing.placement import settled

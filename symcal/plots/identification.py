@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from symcal.calibration.calibrate import Calibration
 from symcal.calibration.held_out_places import held_out_places
-from symcal.calibration.identify import Calibration
 from symcal.calibration.model_check import ModelCheck
 from symcal.data.dataset import Dataset
 from symcal.plots.contacts import contacts, has_contacts

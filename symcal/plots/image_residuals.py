@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.calibration.identify import Calibration
+from symcal.calibration.calibrate import Calibration
 from symcal.camera.camera import Camera
 from symcal.data.dataset import Dataset
 from symcal.fit.residual_rows import rows_of

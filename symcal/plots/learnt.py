@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from symcal.calibration.identify import Calibration
+from symcal.calibration.calibrate import Calibration
 from symcal.plots.parameters import in_rows
 from symcal.plots.style import BLUE, FAINT, INK, WIDE, Illustration, escaped, print_settings, settle, sheet
 from symcal.words import MOSTLY, is_term_number, listed, percent, symbol

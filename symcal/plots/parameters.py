@@ -11,7 +11,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from symcal.calibration.identify import Calibration
+from symcal.calibration.calibrate import Calibration
 from symcal.fit.estimation import Fit
 from symcal.parameters import Unit
 from symcal.plots.style import BLUE, FAINT, INK, WIDE, Illustration, escaped, grid, print_settings, settle, sheet

@@ -7,8 +7,8 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from scipy import stats
 
+from symcal.calibration.calibrate import Calibration
 from symcal.calibration.evaluate import Errors, expected_position_rms
-from symcal.calibration.identify import Calibration
 from symcal.data.dataset import Dataset
 from symcal.plots.panels import marker_size, per_pose
 from symcal.plots.style import BLUE, FAINT, INK, NARROW, VERMILION, Illustration, grid, print_settings, settle, sheet

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from symcal.calibration.identify import Calibration
+from symcal.calibration.calibrate import Calibration
 from symcal.data.dataset import Dataset
 from symcal.fit.remainder import Trial
 from symcal.plots.style import (

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.calibration import results
+from symcal.calibration.calibrate import Calibration, baseline_model, calibrate
 from symcal.calibration.claims import claim, extrapolation, worse
 from symcal.calibration.compare import compare, cross_validate
 from symcal.calibration.compensation_check import POSES, Handover, hand_over
 from symcal.calibration.evaluate import Errors, evaluate_each, expected_position_rms, judging
-from symcal.calibration.extend import Extended, calibrate_extended, planned_model
+from symcal.calibration.extend import calibrate_extended, planned_model, shrinking
 from symcal.calibration.extension_facts import extension_facts
 from symcal.calibration.gross import gross_alone
-from symcal.calibration.identify import Calibration, baseline_model, calibrate
 from symcal.calibration.model_check import ModelCheck, lacks_physics, model_check
 from symcal.calibration.model_words import model_check_facts, model_warnings
 from symcal.calibration.outliers import outlier_facts
@@ -82,10 +82,8 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
         experiment = replace(experiment, model=found.rendered.model)
     measured, exact = found.data, found.exact
     progress("identifying")
-    calibration, extended = _calibrated(experiment, measured)
-    experiment = replace(experiment, model=calibration.model)
-    if extended is not None:
-        experiment = replace(experiment, options=extended.options)
+    calibration = _calibrated(experiment, measured)
+    experiment = replace(experiment, model=calibration.model, options=shrinking(calibration, experiment.options))
     if experiment.file.identification.remainder == "smooth":
         progress("looking for a smooth remainder")
         calibration = with_remainder(calibration, measured, experiment.options, rng.spawn(1)[0])
@@ -123,7 +121,7 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     content = _content(experiment, measured, inputs, calibration, errors, notes)
     check, calibration = _with_check(content, calibration, measured, experiment)
     content["instruments"] = instruments
-    content["extension"] = None if extended is None else extension_facts(extended)
+    content["extension"] = extension_facts(calibration.extension)
     content["remainder"] = remainder_facts(calibration, np.random.default_rng(experiment.seed), _area(experiment))
     content["controller"] = correction_facts(calibration.robot)
     content["compensation"] = None if handover is None else handover_facts(handover)
@@ -147,16 +145,15 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     )
 
 
-def _calibrated(experiment: Experiment, measured: Dataset) -> tuple[Calibration, Extended | None]:
-    """The identification, and what was found beyond geometry where that was asked for."""
+def _calibrated(experiment: Experiment, measured: Dataset) -> Calibration:
+    """The identification, beyond geometry where that is asked for."""
     model, groups = experiment.model, experiment.file.identification.groups
     if not groups:
-        return calibrate(model, baseline_model(model), measured, experiment.options), None
+        return calibrate(model, baseline_model(model), measured, experiment.options)
     try:
-        extended = calibrate_extended(model, baseline_model(model), measured, experiment.options, groups)
+        return calibrate_extended(model, baseline_model(model), measured, experiment.options, groups)
     except InputError as error:
         raise experiment.document.error(error.message, ("identification", "extend"), found=error.found) from None
-    return extended.calibration, extended
 
 
 def _area(experiment: Experiment) -> tuple[Array, Array] | None:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from symcal.calibration.calibrate import Calibration
 from symcal.calibration.evaluate import Errors
-from symcal.calibration.identify import Calibration
 from symcal.calibration.outliers import Outlier
 from symcal.data.dataset import Dataset
 from symcal.export.corrections import corrections

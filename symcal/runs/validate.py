@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 
 from symcal.calibration import results
+from symcal.calibration.calibrate import place
 from symcal.calibration.evaluate import Errors, evaluate
-from symcal.calibration.identify import place
 from symcal.calibration.record import recorded_task
 from symcal.data.dataset import Dataset, merged
 from symcal.data.layout import Layout

@@ -8,7 +8,7 @@ from boards import LARGE, ROBOT, SMALL, board, built, errors, eye_in_hand, postu
 from numpy.typing import NDArray
 
 import symcal as sc
-from symcal.calibration.identify import calibrate
+from symcal.calibration.calibrate import calibrate
 from symcal.fit.estimation import Options
 from symcal.model.model import Model, build_model
 from symcal.planning.area import WorkingArea, draw

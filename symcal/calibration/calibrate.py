@@ -1,0 +1,216 @@
+"""From a model and its data to a calibrated robot: registration, baselines, identification, and the robot it leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController
+
+from symcal.calibration.extension import Extension
+from symcal.calibration.loss_choice import LossChoice, choose_loss
+from symcal.calibration.outliers import Outlier, outliers
+from symcal.calibration.record import measurement_record
+from symcal.calibration.warnings import plausibility, quality
+from symcal.data.dataset import Dataset, Readings
+from symcal.errors import InputError, RefusedError
+from symcal.fit.estimation import Fit, Options, fit
+from symcal.fit.noise import known_sigma, unknown_noise
+from symcal.fit.redundancy import check_redundancy
+from symcal.fit.remainder import Trial
+from symcal.fit.residual_rows import rows_of
+from symcal.model.measurement import Setup
+from symcal.model.model import Model, State, build_model
+from symcal.placing.placement import place as place
+from symcal.placing.placement import placed, placed_by, stated
+from symcal.robot.robot import Record, Robot
+
+Array = NDArray[np.float64]
+
+_BLAS = ThreadpoolController()
+_NAMED = 6  # places that a warning names
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """An identification: fits of the same training data from poor to rich, and the robot that the last one makes.
+
+    setup: the estimated frames fitted with nominal kinematics; the fits refer to it.
+    before: nominal kinematics with base and tool fitted, whether or not the task estimates them: the fair baseline.
+    before_raw: nominal kinematics with the frames as given, where all are given.
+    offsets: joint zeros and frames. after: all parameters that are not held. outliers: readings of the training data
+        that the noise of the others does not explain. loss_choice: why which loss was taken, where that was asked.
+    trial: of a smooth remainder, where one was asked for. bare: the model without it, where it was kept; what is known
+        before and with joint zeros alone refers to that. extension: what was found beyond geometry, where that was
+        asked for.
+    """
+
+    model: Model
+    setup: Setup
+    before: State
+    before_raw: State | None
+    offsets: Fit
+    after: Fit
+    robot: Robot
+    notes: tuple[str, ...] = ()
+    searches: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    outliers: tuple[Outlier, ...] = ()
+    loss_choice: LossChoice | None = None
+    trial: Trial | None = None
+    bare: Model | None = None
+    extension: Extension | None = None
+
+    @property
+    def states(self) -> dict[str, State]:
+        """What is compared, by the names of the results file."""
+        raw = {} if self.before_raw is None else {"before_raw": self.before_raw}
+        return raw | {
+            "before": self.before,
+            "offsets_only": State(self.bare or self.model, self.setup, self.offsets.x, self.before.unplaced),
+            "after": State(self.model, self.setup, self.after.x, self.before.unplaced),
+        }
+
+
+def calibrate(model: Model, baseline: Model | None, data: Dataset, options: Options) -> Calibration:
+    """Calibrate with models that were built before; only poses of the `train` split are used.
+
+    Args:
+        baseline: from `baseline_model`.
+    """
+    with one_thread():
+        return _calibrate(model, baseline, data, options)
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Linear algebra on one thread while it lasts: matrices are small, and a second one only costs."""
+    with _BLAS.limit(limits=1):
+        yield
+
+
+def _calibrate(model: Model, baseline: Model | None, data: Dataset, options: Options) -> Calibration:
+    measured = [(each.kind, each.features) for each in data.of]
+    wanted = [(o.instrument.name, o.features) for o in model.task.observations]
+    if measured != wanted:
+        asked = ", ".join(Readings(o.instrument, o.name, o.features).said() for o in model.task.observations)
+        raise InputError(f"the data are {', '.join(each.said() for each in data.of)}, the task asks for {asked}")
+    train = data.part("train")
+    if len(train) == 0:
+        raise RefusedError("no pose is marked for training")
+    free = placed_by(model, train)
+    if not any(o.instrument.is_camera for o in model.task.observations):  # before it is placed its rows say nothing
+        others = set(model.placement) - set(free)
+        start = rows_of(model.measurement, train, model.setup, model.residuals, others)
+        estimated = unknown_noise(start, known_sigma(start, options.sigma))
+        check_redundancy(start, (*model.kinematic, *free), bool(estimated))
+    unplaced = tuple(name for name in model.placement if name not in free)
+    choice = None
+    if options.loss == "auto":
+        choice = _chosen(model, train, free, unplaced, replace(options, loss="linear"))
+        options = replace(options, loss=choice.chosen)
+    found = placed(model, train, options)
+    setup = found.setup
+    rows = rows_of(model.measurement, train, setup, model.residuals, unplaced)
+    at = stated(model, setup)
+    nominal = np.zeros(len(model.parameters))
+    offsets = fit(rows, (*model.offsets, *free), options, prior_mean=at, nested=(nominal,))
+    after = fit(rows, (*model.kinematic, *free), options, prior_mean=at, nested=(nominal, offsets.x))
+    before = State(model, setup, nominal, unplaced)
+    raw = None if free else before
+    if baseline is not None:
+        own = placed_by(baseline, train)
+        unplaced = tuple(name for name in baseline.placement if name not in own)
+        before = State(baseline, place(baseline, train, options), np.zeros(len(baseline.parameters)), unplaced)
+    odd = outliers(model, train, after, at)
+    notes = (
+        *found.notes,
+        *_unplaced(before.unplaced),
+        *plausibility(train, before),
+        *quality(model, train, after, odd),
+    )
+    robot = calibrated_robot(model, after)
+    return Calibration(model, setup, before, raw, offsets, after, robot, notes, found.searches, odd.listed, choice)
+
+
+def _chosen(
+    model: Model, train: Dataset, free: tuple[str, ...], unplaced: tuple[str, ...], options: Options
+) -> LossChoice:
+    """The loss that cross-validation chooses, with frames as the linear one places them."""
+    setup = place(model, train, options)
+    rows = rows_of(model.measurement, train, setup, model.residuals, unplaced)
+    return choose_loss(model, train, rows, (*model.kinematic, *free), options, stated(model, setup))
+
+
+def _unplaced(names: Sequence[str]) -> list[str]:
+    """What is said of places that no training pose tells."""
+    if not names:
+        return []
+    things = list(dict.fromkeys(name.rpartition("_")[0] for name in names))
+    more = f" and {len(things) - _NAMED} more" if len(things) > _NAMED + 1 else ""
+    shown = things[:_NAMED] if more else things
+    return [
+        f"no training pose tells where {', '.join(shown)}{more} {'is' if len(things) == 1 else 'are'}: fitted to the "
+        "held-out poses with the robot held, and as many degrees of freedom are taken off their rms"
+    ]
+
+
+def baseline_model(model: Model) -> Model | None:
+    """The model whose robot frames are all estimated, for the baseline; None if that is the model itself.
+
+    The base is free where something on world is known, else what stands on world; the tool where something known is
+    on it.
+    """
+    task = model.task
+    ends = [(o, end) for o in task.observations for end in (o.at, o.target.at)]
+    on_tool = [
+        o.at.unknown if end is o.at else end.unknown or bool(o.target.unknown_points)
+        for o, end in ends
+        if end.on == "tool"
+    ]
+    free_tool = bool(on_tool) and not all(on_tool)
+    cameras = task.scene is not None
+    on_world = [end for _, end in ends if end.on == "world"]
+    free_base = not cameras and bool(on_world) and not all(end.unknown for end in on_world)
+    observations = [replace(o, at=replace(o.at, unknown=True)) for o in task.observations] if cameras else None
+    same = (task.base, task.tool) == (free_base, free_tool) and (not cameras or task.observations[0].at.unknown)
+    if same:
+        return None  # numbers of cameras keep their calibrated values at nominal kinematics
+    free = replace(task, base=free_base, tool=free_tool, fix=(), scales={}, priors={})
+    return build_model(model.robot, free if observations is None else free.observed(observations))
+
+
+def calibrated_robot(model: Model, result: Fit) -> Robot:
+    """The robot with its identified numbers, frames and covariance."""
+    errors = model.parameters.mapping(result.x)
+    kinematic = {name: errors[name] for name in model.robot.parameters}
+    setup = model.moved(result.setup, result.x)
+    free = result.free
+    sigma: dict[str, float | None] = dict.fromkeys(model.parameters.names)
+    sigma |= dict(zip(free, result.posterior.sigmas.tolist(), strict=True))
+    full = np.zeros((len(model.parameters), len(model.parameters)))
+    index = model.parameters.indices(free)
+    full[np.ix_(index, index)] = result.posterior.covariance
+    provenance: dict[str, Any] = {
+        "measurements": measurement_record(model, result.setup, setup, errors, free),
+        "noise_sigma": {f"{g.name}_{g.unit}": result.sigmas.get(g.name) for g in model.measurement.groups},
+        "rank": result.identifiability.rank,
+        "dof": result.dof,
+        "size_factor": result.factor,
+        "learnt": dict(zip(free, result.posterior.learnt.tolist(), strict=True)),
+        "trouble": result.trouble,
+    }
+    record = Record(
+        errors=errors,
+        sigmas=sigma,
+        covariance=full,
+        nominal_base=result.setup.base,
+        nominal_tool=result.setup.tool,
+        provenance=provenance,
+    )
+    scales = {p.name: p.scale for p in model.parameters.items if p.name in model.task.scales and not p.unknown}
+    robot = replace(model.robot, scales={**model.robot.scales, **scales})
+    return replace(robot.corrected(kinematic), base=setup.base, tool=setup.tool, record=record)

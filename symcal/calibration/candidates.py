@@ -25,9 +25,9 @@ Array = NDArray[np.float64]
 
 AUTO = ("gravity", "harmonics 1", "harmonics 2", "coupling", "backlash", "payload")
 """Groups that `extend: auto` tries; the last two where the data carry what they depend on."""
-HIGHEST = 8
+HIGHEST = 40
 """Highest multiple of a joint's reading that may be asked for by name."""
-GROUPS = ("gravity", *(f"harmonics {k}" for k in range(1, HIGHEST + 1)), "coupling", "ratio", "backlash", "payload")
+GROUPS = ("gravity", "coupling", "ratio", "backlash", "payload", *(f"harmonics {k}" for k in range(1, HIGHEST + 1)))
 """Every group that may be asked for."""
 CONDITIONED = ("backlash", "payload")
 """Those that depend on more than joint readings."""

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, create_model, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from symcal.calibration.candidates import GROUPS
+from symcal.calibration.candidates import GROUPS, HIGHEST
 from symcal.config.measurements import (
     FileData,
     ImagesData,
@@ -146,7 +146,8 @@ class IdentificationConfig(Strict):
         for group in value if isinstance(value, list) else ():
             if group not in GROUPS:
                 message = "no such group of joint terms: {group}; allowed: auto, or a list of {groups}"
-                raise PydanticCustomError("extend", message, {"group": group, "groups": ", ".join(GROUPS)})
+                shown = ", ".join([g for g in GROUPS if not g.startswith("harmonics")] + [f"harmonics 1 to {HIGHEST}"])
+                raise PydanticCustomError("extend", message, {"group": group, "groups": shown})
         return value
 
     @model_validator(mode="before")

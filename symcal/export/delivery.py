@@ -35,6 +35,9 @@ def deliver_c(robot: Robot, folder: Path, rng: np.random.Generator) -> Delivery:
         InputError: the folder cannot be written. RefusedError: the numbers do not fit into single precision.
     """
     found = doubts(robot)
+    if robot.remainder is not None:  # refused by `export_c` too, whoever forces it
+        text = f"C cannot carry its smooth remainder of {len(robot.remainder.centres)} centres"
+        found = (*found, Doubt("", "remainder", text))
     if found:
         return Delivery(found)
     export = export_c(robot, folder)

@@ -24,7 +24,7 @@ class Doubt:
     """Why one number should not be exported, or all of them: parameter is then empty."""
 
     parameter: str
-    reason: Literal["implausible", "unsettled"]
+    reason: Literal["implausible", "unsettled", "remainder"]
     text: str
 
 

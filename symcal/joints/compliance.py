@@ -2,7 +2,7 @@ r"""A joint that yields to gravity, with known masses:  delta_i = c_i tau_i(q).
 
     tau_i = sum_k m_k g z_i . ((p_k - o_i) x down),     of prismatic joints sum_k m_k g z_i . down
 
-over the masses that the joint carries and the payload. Source: [Khalil2002] sec. 9.7; moments are those of the arm as
+over the masses that the joint carries and the payload. Source: [Khalil2002]; moments are those of the arm as
 it would stand without its terms (a deflection of 3 mrad changes its moment by 0.3 %).
 """
 

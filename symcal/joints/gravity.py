@@ -3,7 +3,7 @@ r"""A joint that yields to gravity, without known masses:  delta_i = sum_k w_k (
 The weights stand at points that the joint carries: `x` and `y` of its own frame (300 mm from the axis), origins of
 later joints (`q4`), the flange. What the arm weighs and how stiff it is are lumped together: w_k is the deflection by
 weight k on a horizontal arm of 300 mm. The basis is ours; its shape is that of the base parameters of gravity in
-[Khalil2002] sec. 9.4.
+[Khalil2002].
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 r"""Waves of a gear, an encoder or a screw:  delta = sum_k s_k sin(k w) + c_k cos(k w).
 
 w is the reading of a revolute joint (rad), of its motor (gear * reading), or 2 pi * reading / pitch of a prismatic one.
-Source: eccentric encoders and gears give k = 1, their ovality and strain wave gears k = 2 ([Whitney1986], sec. 3).
+Source: eccentric encoders and gears give k = 1, their ovality and strain wave gears k = 2 ([Whitney1986]).
 """
 
 from __future__ import annotations

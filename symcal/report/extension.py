@@ -19,14 +19,15 @@ GROUPS: dict[str, str] = {
 }
 """What groups are called; harmonics by their multiple."""
 
-_ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth")
+_ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
 
 
 def group_words(group: str) -> str:
     """`harmonics 1` as `first harmonics`."""
     if not group.startswith("harmonics"):
         return GROUPS.get(group, group)
-    return f"{_ORDINALS[int(group.rpartition(' ')[2]) - 1]} harmonics"
+    k = int(group.rpartition(" ")[2])
+    return f"{_ORDINALS[k - 1] if k <= len(_ORDINALS) else f'{k}th'} harmonics"
 
 
 def extension_text(content: Mapping[str, Any]) -> dict[str, Any] | None:
@@ -60,7 +61,7 @@ def _first(found: Facts) -> str:
     return (
         f"Between a joint's reading and the chain the identification tried {listed(groups)}, all at once, each group "
         "with one scale that marginal likelihood finds with the noise; a group that is not needed shrinks by itself. A "
-        f"group is kept when twice its gain in log marginal likelihood is above {number(found['enough'], 1)} and "
+        f"group is kept when twice its gain in log marginal likelihood is above {number(found['enough'], 2)} and "
         "held-out poses do not speak against it."
     )
 

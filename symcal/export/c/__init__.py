@@ -18,6 +18,7 @@ from symcal.export.c.project import cost, project_files
 from symcal.export.c.source import CModel, header, model_hash, source
 from symcal.export.c.vectors import self_test_vectors
 from symcal.export.carries import LeftOut, left_out
+from symcal.export.remainder import refuse_remainder
 from symcal.robot.robot import Robot
 
 MANIFEST = "symcal_export.json"
@@ -62,8 +63,9 @@ def export_c(
         vectors: how many test vectors.
     Raises:
         InputError: the folder holds files that are not of an export, or cannot be written; the prefix is no identifier.
-        RefusedError: the model has numbers that single precision cannot hold.
+        RefusedError: the model has numbers that single precision cannot hold, or a smooth remainder.
     """
+    refuse_remainder(robot, "C")
     if prefix is not None and identifier(prefix, "robot") != prefix:
         message = (
             "the prefix must be lower-case letters, digits and single underscores, at most 24, starting with a letter"

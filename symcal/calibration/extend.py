@@ -88,7 +88,7 @@ def calibrate_extended(
                 group in rejected,
                 gains[group],
                 trial[group],
-                _joints(last if group in kept else found, group, shared),
+                _joints(last, group, shared) if group in kept else joint_findings(found, group, at.covariance(group)),
             )
             for group in chosen
         ),

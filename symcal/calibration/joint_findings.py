@@ -32,8 +32,13 @@ _SAME = 1e-9
 _SOME = 1e-3
 
 
-def joint_findings(calibration: Calibration, group: str) -> tuple[JointFinding, ...]:
-    """What a group is at each joint that has some of it, from the fit of all parameters."""
+def joint_findings(calibration: Calibration, group: str, plausible: Array | None = None) -> tuple[JointFinding, ...]:
+    """What a group is at each joint that has some of it, from the fit of all parameters.
+
+    Args:
+        plausible: covariance of the free parameters, were the group as large as is plausible, of one that was left out;
+            its own has shrunk to nothing and hides what the data could tell.
+    """
     robot, after = calibration.model.robot, calibration.after
     place = {name: i for i, name in enumerate(after.free)}
     by_joint: dict[int, list[str]] = {}
@@ -41,11 +46,18 @@ def joint_findings(calibration: Calibration, group: str) -> tuple[JointFinding, 
         for p in term.parameters:
             if p.group == group and p.name in place:
                 by_joint.setdefault(term.joint, []).append(p.name)
-    return tuple(_finding(calibration, joint, names, place, len(by_joint)) for joint, names in by_joint.items())
+    return tuple(
+        _finding(calibration, joint, names, place, len(by_joint), plausible) for joint, names in by_joint.items()
+    )
 
 
 def _finding(
-    calibration: Calibration, joint: int, names: Sequence[str], place: dict[str, int], joints: int
+    calibration: Calibration,
+    joint: int,
+    names: Sequence[str],
+    place: dict[str, int],
+    joints: int,
+    plausible: Array | None,
 ) -> JointFinding:
     robot, after = calibration.model.robot, calibration.after
     own = [place[name] for name in names]
@@ -59,7 +71,11 @@ def _finding(
     statistic = float(inverse @ np.linalg.pinv(information, hermitian=True, rcond=1e-9) @ inverse)
     rank = len(names)
     p = float(chi2.sf(statistic, rank))
-    size = np.maximum([described[n].scale for n in names], prior)  # as plausible as the data say
+    size = np.array([described[n].scale for n in names])
+    if plausible is None:
+        size = np.maximum(size, prior)  # as plausible as the data say
+    else:
+        information = _information(plausible[np.ix_(own, own)], size)
     strength = np.linalg.eigvalsh(information * np.outer(size, size))
     waves: dict[str, Any] = {}
     sines = [i for i, n in enumerate(names) if "_sin_" in n or n.endswith("_sin")]

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 from scipy.stats import chi2
 
 from symcal.fit.variance_components import Block, Components, most_likely
@@ -92,6 +93,13 @@ class Groups:
     def variances_without(self, groups: Sequence[str]) -> Variances:
         """The variances that go with `without`."""
         return self.model.named(self.names, self.without(groups), self.variances)
+
+    def covariance(self, group: str) -> Array:
+        """Of the free parameters, were a group as large as is plausible, shape (n, n): what the data tell of it."""
+        system, factors = self.model.system, self.variances.factors | {group: 1.0}
+        rows = system.rows_at(self.x, self.model.spread(self.variances), factors)[:, :-1]
+        root = solve_triangular(np.linalg.qr(rows, mode="r"), np.eye(rows.shape[1]))
+        return np.asarray(np.outer(system.scales, system.scales) * (root @ root.T))
 
     def held_out(self, groups: Sequence[str], folds: Sequence[NDArray[np.intp]]) -> Array:
         """Residuals of poses in folds that were not used for them, shape (N, m), without some groups.

@@ -10,12 +10,15 @@ from extension_draws import CASES, Case, arm, draw, models, true_values
 
 from symcal.calibration.calibrate import baseline_model, calibrate
 from symcal.calibration.candidates import candidates
-from symcal.calibration.extend import calibrate_extended
+from symcal.calibration.extend import calibrate_extended, with_directions
+from symcal.calibration.identify import identify
 from symcal.calibration.simulate import simulate
+from symcal.data.conditions import directions_from_order
 from symcal.errors import InputError
 from symcal.fit.estimation import Options
 from symcal.fit.groups import enough
 from symcal.instruments.noise import Noise
+from symcal.joints.backlash import Backlash
 from symcal.joints.gravity import Gravity
 from symcal.joints.harmonics import Harmonics
 from symcal.model.model import build_model
@@ -130,3 +133,23 @@ def test_enough_is_the_two_percent_point_of_the_law_of_a_variance_that_is_zero()
     rng = np.random.default_rng(0)  # half of the draws gain nothing, the other half chi-squared of one
     gains = np.where(rng.random((200_000, 4)) < 0.5, 0.0, rng.normal(size=(200_000, 4)) ** 2)
     assert np.mean(gains.max(axis=1) > enough(4)) == pytest.approx(0.02, abs=0.002)
+
+
+def test_backlash_takes_directions_from_the_order_where_no_column_says_them():
+    model, _ = models(CASES["nothing"])
+    true = build_model(replace(model.robot, terms=(Backlash(2, True), Backlash(4, True))), model.task)
+    rng = np.random.default_rng(4)
+    q = rng.uniform(-2.4, 2.4, (80, 6))
+    empty = simulate(model, {}, q, Noise("normal", 0.05), rng)
+    came = directions_from_order(empty, model.robot).conditions
+    truth = {"q2_backlash": 4e-4, "q4_backlash": 4e-4}
+    data = simulate(true, truth, q, Noise("normal", 0.05), rng, conditions=came)
+    bare = replace(data, conditions={})
+    assert with_directions(bare, model.robot, ("gravity",)) is bare
+    found = identify(model.robot, bare, model.task, extend=("backlash",))
+    (group,) = found.extension.groups
+    assert group.kept
+    assert {joint.joint for joint in group.joints if joint.named} == {2, 4}
+    for joint in group.joints:
+        if joint.named:
+            assert abs(joint.values[0] - 4e-4) < 4 * joint.sigmas[0]

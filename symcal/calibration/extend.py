@@ -17,6 +17,7 @@ from symcal.calibration.calibrate import Calibration, calibrate
 from symcal.calibration.candidates import CONDITIONED, candidates
 from symcal.calibration.extension import Extension, GroupFinding, HeldOut, JointFinding, SharedFinding
 from symcal.calibration.joint_findings import joint_findings, shared_findings
+from symcal.data.conditions import directions_from_order
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Fit, Options, variance_model
@@ -24,6 +25,7 @@ from symcal.fit.groups import Groups, groups_at
 from symcal.fit.residual_rows import rows_of
 from symcal.fit.variances import Variances
 from symcal.joints import Term
+from symcal.joints.backlash import direction_name
 from symcal.model.model import Model, build_model
 from symcal.placing.placement import placed_by, stated
 from symcal.robot.robot import Robot
@@ -102,6 +104,17 @@ def _joints(calibration: Calibration, group: str, shared: Sequence[SharedFinding
     sums = {each.joint for each in shared} if group == "harmonics 1" else set()
     found = joint_findings(calibration, group)
     return tuple(replace(each, named=False, summed=True) if each.joint in sums else each for each in found)
+
+
+def with_directions(data: Dataset, robot: Robot, wanted: Sequence[str]) -> Dataset:
+    """The data with directions of approach from the order of its poses, where backlash is asked for by name and no
+    column says them; a note says so."""
+    names = [direction_name(i) for i in range(1, robot.dof + 1)]
+    if "backlash" not in wanted or any(name in data.conditions for name in names):
+        return data
+    said = "no column says from where the joints came: backlash takes it from the order of the poses in the file"
+    found = directions_from_order(data, robot)
+    return replace(found, notes=(*found.notes, said))
 
 
 def shrinking(calibration: Calibration, options: Options) -> Options:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Literal
 
 from symcal.calibration.calibrate import Calibration, baseline_model, calibrate
-from symcal.calibration.extend import calibrate_extended
+from symcal.calibration.extend import calibrate_extended, with_directions
 from symcal.data.dataset import Dataset, merged
 from symcal.data.measurement_file import load_measurements
 from symcal.errors import InputError
@@ -56,6 +56,7 @@ def identify(
     if not extend:
         return calibrate(model, baseline_model(model), data, options)
     groups = (extend,) if isinstance(extend, str) else tuple(extend)
+    data = with_directions(data, robot, groups)
     return calibrate_extended(model, baseline_model(model), data, options, groups)
 
 

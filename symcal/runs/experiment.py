@@ -16,7 +16,7 @@ from symcal.calibration.claims import claim, extrapolation, worse
 from symcal.calibration.compare import compare, cross_validate
 from symcal.calibration.compensation_check import POSES, Handover, hand_over
 from symcal.calibration.evaluate import Errors, evaluate_each, expected_position_rms, judging
-from symcal.calibration.extend import calibrate_extended, planned_model, shrinking
+from symcal.calibration.extend import calibrate_extended, planned_model, shrinking, with_directions
 from symcal.calibration.extension_facts import extension_facts
 from symcal.calibration.gross import gross_alone
 from symcal.calibration.model_check import ModelCheck, lacks_physics, model_check
@@ -81,6 +81,7 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     if found.rendered is not None:
         experiment = replace(experiment, model=found.rendered.model)
     measured, exact = found.data, found.exact
+    measured = with_directions(measured, experiment.robot, experiment.file.identification.groups)
     progress("identifying")
     calibration = _calibrated(experiment, measured)
     experiment = replace(experiment, model=calibration.model, options=shrinking(calibration, experiment.options))

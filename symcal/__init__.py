@@ -64,6 +64,8 @@ if TYPE_CHECKING:
     from symcal.planning.search import select_poses as select_poses
     from symcal.report import write_report as write_report
     from symcal.robot.conventions import convert as convert
+    from symcal.robot.files import load_robot as load_robot
+    from symcal.robot.files import save_robot as save_robot
     from symcal.robot.robot import (
         Joint as Joint,
     )
@@ -72,12 +74,6 @@ if TYPE_CHECKING:
     )
     from symcal.robot.robot import (
         Robot as Robot,
-    )
-    from symcal.robot.robot import (
-        load_robot as load_robot,
-    )
-    from symcal.robot.robot import (
-        save_robot as save_robot,
     )
     from symcal.robot.urdf import load_urdf as load_urdf
     from symcal.runs.run import run as run
@@ -135,8 +131,8 @@ _HOME = {
     "Joint": "robot.robot",
     "Link": "robot.robot",
     "Robot": "robot.robot",
-    "load_robot": "robot.robot",
-    "save_robot": "robot.robot",
+    "load_robot": "robot.files",
+    "save_robot": "robot.files",
     "Noise": "instruments.noise",
     "simulate": "calibration.simulate",
     "commanded": "compensation.targets",

@@ -15,7 +15,8 @@ from symcal.model.measurement import Setup
 from symcal.model.model import Model, build_model
 from symcal.model.task import Scene, pixels_task
 from symcal.placing.scene_placement import flange_poses
-from symcal.robot.robot import Robot, load_robot
+from symcal.robot.files import load_robot
+from symcal.robot.robot import Robot
 
 ROBOT: Robot = load_robot(Path(__file__).parents[1] / "configs" / "robots" / "handling_robot.yaml")
 

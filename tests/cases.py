@@ -13,7 +13,8 @@ from symcal.data.dataset import Dataset
 from symcal.instruments.noise import Noise
 from symcal.model.model import Model, build_model
 from symcal.model.task import Task
-from symcal.robot.robot import Joint, Link, Robot, load_robot
+from symcal.robot.files import load_robot
+from symcal.robot.robot import Joint, Link, Robot
 
 ROBOTS = Path(__file__).resolve().parent.parent / "configs" / "robots"
 

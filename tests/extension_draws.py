@@ -25,7 +25,8 @@ from symcal.joints.compliance import Compliance
 from symcal.joints.harmonics import Harmonics
 from symcal.model.model import Model, build_model
 from symcal.model.task import Task
-from symcal.robot.robot import Robot, load_robot
+from symcal.robot.files import load_robot
+from symcal.robot.robot import Robot
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 NOISE = 0.05

@@ -20,7 +20,7 @@ from symcal.instruments.noise import Noise
 from symcal.model.model import build_model
 from symcal.model.observation import Observation, Place, Target
 from symcal.model.task import Task
-from symcal.robot.robot import load_robot
+from symcal.robot.files import load_robot
 from symcal.spatial import transform
 
 Case = tuple[Calibration, Dataset, Mapping[str, Mapping[str, Errors]]]

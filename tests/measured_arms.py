@@ -16,7 +16,8 @@ from symcal.calibration.simulate import simulate
 from symcal.instruments.noise import Noise
 from symcal.model.model import build_model
 from symcal.model.task import Task
-from symcal.robot.robot import Convention, Joint, Link, Robot, save_robot
+from symcal.robot.files import save_robot
+from symcal.robot.robot import Convention, Joint, Link, Robot
 
 NOISE = 0.05  # mm, per axis
 POINTS = {"SMR1": (60.0, 10.0, 130.0), "SMR2": (-45.0, 50.0, 90.0)}

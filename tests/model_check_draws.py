@@ -30,7 +30,8 @@ from symcal.fit.estimation import Options
 from symcal.instruments.noise import Noise
 from symcal.model.model import Model, build_model
 from symcal.model.task import Task
-from symcal.robot.robot import Robot, load_robot
+from symcal.robot.files import load_robot
+from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
 Plant = Callable[[Array, np.random.Generator], Array]

@@ -20,7 +20,7 @@ from symcal.calibration.candidates import gravity_terms
 from symcal.calibration.simulate import simulate
 from symcal.instruments.noise import Noise
 from symcal.joints.harmonics import Harmonics
-from symcal.robot.robot import save_robot
+from symcal.robot.files import save_robot
 from symcal.runs.load import load
 from symcal.runs.plan import PlanOutcome, plan_experiment
 

@@ -23,7 +23,8 @@ from symcal.images.measure import flange_poses
 from symcal.model.parameter_set import parameter_set
 from symcal.placing.agreement import Agreement, agreement
 from symcal.placing.pairing import foreign_views
-from symcal.robot.robot import Robot, load_robot
+from symcal.robot.files import load_robot
+from symcal.robot.robot import Robot
 
 ROBOTS = Path(__file__).resolve().parent.parent / "configs" / "robots"
 ARMS = ("ur5", "franka_fr3", "handling_robot", "two_axis_positioner")

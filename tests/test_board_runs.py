@@ -26,7 +26,7 @@ from symcal.errors import InputError, RefusedError
 from symcal.instruments.noise import Noise
 from symcal.model.model import build_model
 from symcal.model.task import Scene, pixels_task
-from symcal.robot.robot import save_robot
+from symcal.robot.files import save_robot
 from symcal.runs.load import load
 from symcal.runs.run import run
 from symcal.vision.render import render_discs

@@ -8,7 +8,8 @@ from measured_arms import ARMS, arm
 
 from symcal.model.model import build_model
 from symcal.model.task import Task
-from symcal.robot.robot import Link, Robot, load_robot
+from symcal.robot.files import load_robot
+from symcal.robot.robot import Link, Robot
 from symcal.runs.check import check_model, check_robot, parallel_axes, pose_at_zero
 
 

@@ -20,7 +20,8 @@ from symcal.compensation.compensate import REACHED
 from symcal.compensation.targets import tool_pose
 from symcal.joints.backlash import Backlash
 from symcal.kernels.batch import batch_function
-from symcal.robot.robot import Record, Robot, load_robot, save_robot
+from symcal.robot.files import load_robot, save_robot
+from symcal.robot.robot import Record, Robot
 from symcal.robot.urdf import load_urdf
 
 

@@ -9,7 +9,7 @@ import yaml
 from symcal.config import conversion as config
 from symcal.errors import InputError
 from symcal.model.model import build_model
-from symcal.robot.robot import load_robot
+from symcal.robot.files import load_robot
 from symcal.runs.load import load
 
 ROBOT = """\

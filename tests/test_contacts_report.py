@@ -37,7 +37,7 @@ from symcal.report.measured import noise_words, observers_named
 from symcal.report.parameter_table import parameter_table
 from symcal.report.plan import plan_text
 from symcal.report.verdict import verdict
-from symcal.robot.robot import load_robot
+from symcal.robot.files import load_robot
 from symcal.runs.data import measurements
 from symcal.runs.experiment import Outcome, identify_experiment
 from symcal.runs.identification_folder import write as write_run

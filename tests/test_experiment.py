@@ -17,7 +17,7 @@ from symcal.errors import InputError, RefusedError
 from symcal.kinematics import chain, forward, frame_vector
 from symcal.model.parameter_set import parameter_set
 from symcal.model.task import Task
-from symcal.robot.robot import load_robot
+from symcal.robot.files import load_robot
 from symcal.runs.run import run
 
 PLAIN = ("outputs.report=false", "outputs.figures=false")

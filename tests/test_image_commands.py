@@ -20,7 +20,7 @@ from symcal.data.measurement_file import load_measurements
 from symcal.errors import InputError
 from symcal.model.model import build_model
 from symcal.model.task import Scene, pixels_task
-from symcal.robot.robot import save_robot
+from symcal.robot.files import save_robot
 from symcal.vision.render import Look, render_board, render_discs
 
 

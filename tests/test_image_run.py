@@ -14,7 +14,7 @@ from symcal.camera.board import Board
 from symcal.camera.camera import Camera, project_points
 from symcal.data.measurement_file import load_measurements
 from symcal.errors import InputError
-from symcal.robot.robot import load_robot
+from symcal.robot.files import load_robot
 from symcal.runs.run import run
 from symcal.runs.validate import validate_robot
 from symcal.vision.board_views import board_views

@@ -22,7 +22,8 @@ from symcal.joints.harmonics import Harmonics
 from symcal.kinematics import Screw, bases, chain, frame_vector, function, omegas, pose_of, stack
 from symcal.model.parameter_set import parameter_set
 from symcal.parameters import ParameterSet
-from symcal.robot.robot import Joint, Link, Robot, load_robot
+from symcal.robot.files import load_robot
+from symcal.robot.robot import Joint, Link, Robot
 
 SIZE = {**SIZES, "rad": 0.01, "mm": 10.0}
 

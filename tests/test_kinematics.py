@@ -17,7 +17,8 @@ from strategies import generators, random_robot, readings
 from symcal.kinematics import chain, forward, frame_vector, function, omegas, stack
 from symcal.model.parameter_set import parameter_set
 from symcal.parameters import ParameterSet
-from symcal.robot.robot import Joint, Link, Robot, is_angle, load_robot
+from symcal.robot.files import load_robot
+from symcal.robot.robot import Joint, Link, Robot, is_angle
 
 TOOLS = st.sampled_from(["frame", "position", None])
 

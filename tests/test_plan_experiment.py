@@ -18,7 +18,7 @@ from symcal.planning.ordering import shortest_tour
 from symcal.planning.plan_file import read_plan
 from symcal.planning.plan_problem import plan_problem
 from symcal.planning.results import constraint_facts, order_facts
-from symcal.robot.robot import load_robot
+from symcal.robot.files import load_robot
 from symcal.runs.load import load
 from symcal.runs.plan import plan_experiment, run_plan
 from symcal.runs.run import run

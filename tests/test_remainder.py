@@ -36,7 +36,8 @@ from symcal.model.shifted import with_shift
 from symcal.model.task import Task
 from symcal.parameters import Parameter, ParameterSet
 from symcal.robot.conventions import convert
-from symcal.robot.robot import Robot, load_robot, save_robot
+from symcal.robot.files import load_robot, save_robot
+from symcal.robot.robot import Robot
 
 
 def with_field(robot: Robot, rng: np.random.Generator, count: int = 5) -> Robot:

@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 from strategies import random_frame, robots
 
 from symcal.errors import InputError
-from symcal.robot.robot import Frame, Joint, Link, Record, Robot, is_angle, load_robot, save_robot
+from symcal.robot.files import load_robot, save_robot
+from symcal.robot.robot import Frame, Joint, Link, Record, Robot, is_angle
 
 PAPER = """\
 name: handling-robot

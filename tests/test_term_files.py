@@ -19,7 +19,8 @@ from symcal.joints.coupling import Coupling
 from symcal.joints.harmonics import Harmonics
 from symcal.kinematics import chain, frame_vector
 from symcal.model.parameter_set import parameter_set
-from symcal.robot.robot import Record, Robot, load_robot, save_robot
+from symcal.robot.files import load_robot, save_robot
+from symcal.robot.robot import Record, Robot
 
 UNITS = (st.sampled_from(["mm", "m", "um", "cm", "in"]), st.sampled_from(["deg", "rad", "mrad"]))
 

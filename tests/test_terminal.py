@@ -10,7 +10,7 @@ import pytest
 from test_term_files import FILE
 
 from symcal.cli.terminal import print_accuracy, print_check, print_robot
-from symcal.robot.robot import load_robot
+from symcal.robot.files import load_robot
 from symcal.runs.check import Added, Check, check_robot
 
 FOUND = {

@@ -29,7 +29,7 @@ def compensate(
     from symcal.compensation.targets import read_targets
     from symcal.errors import InputError
     from symcal.export.carries import left_out
-    from symcal.robot.robot import load_robot
+    from symcal.robot.files import load_robot
     from symcal.runs.folder import require_place
 
     require_place(out)
@@ -69,7 +69,7 @@ def export(
 ) -> None:
     """Hand a calibrated robot over: C code for the controller, URDF, or JSON with the table of corrections."""
     from symcal.export import FORMATS, export_robot
-    from symcal.robot.robot import load_robot
+    from symcal.robot.files import load_robot
 
     if to not in FORMATS:
         from symcal.errors import InputError
@@ -96,7 +96,7 @@ def import_(
     out: Annotated[Path, typer.Option("--out", metavar="YAML", help="robot file")] = Path("robot.yaml"),
 ) -> None:
     """Read a URDF chain as a robot file."""
-    from symcal.robot.robot import save_robot
+    from symcal.robot.files import save_robot
     from symcal.robot.urdf import load_urdf
     from symcal.runs.folder import require_place
 

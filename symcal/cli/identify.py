@@ -59,7 +59,7 @@ def check(
 ) -> None:
     """Validate a file; print the model and what is identifiable."""
     from symcal.documents.document import read_document
-    from symcal.robot.robot import load_robot
+    from symcal.robot.files import load_robot
     from symcal.runs.check import check_model, check_robot
     from symcal.runs.data import describe_data
     from symcal.runs.load import load

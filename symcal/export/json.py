@@ -15,7 +15,8 @@ from symcal.export.corrections import corrections
 from symcal.export.remainder import refuse_remainder
 from symcal.joints import Term
 from symcal.joints.payload import PAYLOAD
-from symcal.robot.robot import Joint, Robot, frame_entry
+from symcal.robot.files import frame_entry
+from symcal.robot.robot import Joint, Robot
 
 SCHEMA = "symcal/robot-json/2"
 """With joint terms: who knows only version 1 would lose them without a word."""

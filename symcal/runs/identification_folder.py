@@ -15,7 +15,8 @@ from symcal.images.entries import measured_head
 from symcal.images.files import write_images
 from symcal.model.contact import constraints, touched_names
 from symcal.planning.plan_file import write_plan
-from symcal.robot.robot import Robot, save_robot
+from symcal.robot.files import save_robot
+from symcal.robot.robot import Robot
 from symcal.runs.code import with_code
 from symcal.runs.experiment import Outcome, Progress, identify_experiment
 from symcal.runs.folder import run_folder, write_json

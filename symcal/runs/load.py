@@ -11,7 +11,8 @@ from symcal.config.conversion import ExperimentFile
 from symcal.documents.document import Document
 from symcal.fit.estimation import Options
 from symcal.model.model import Model, build_model
-from symcal.robot.robot import Robot, load_robot
+from symcal.robot.files import load_robot
+from symcal.robot.robot import Robot
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from symcal.images.boards import MeasuredBoards, measure_boards
 from symcal.images.entries import measured_head
 from symcal.images.measure import MeasuredImages, measure_images
 from symcal.images.shots import read_shots
-from symcal.robot.robot import load_robot
+from symcal.robot.files import load_robot
 from symcal.runs.camera import image_files
 
 

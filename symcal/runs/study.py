@@ -21,7 +21,8 @@ from symcal.paper.study import run_study
 from symcal.paper.surroundings import surroundings
 from symcal.paper.tables import study_tables
 from symcal.planning.plan_file import write_plan, write_waypoints
-from symcal.robot.robot import Robot, save_robot
+from symcal.robot.files import save_robot
+from symcal.robot.robot import Robot
 from symcal.runs.code import with_code
 from symcal.runs.folder import run_folder, write_json
 from symcal.runs.load import Experiment

@@ -23,7 +23,8 @@ from symcal.fit.estimation import Options
 from symcal.model.model import Model, State, build_model
 from symcal.model.observation import Observation
 from symcal.model.task import Task
-from symcal.robot.robot import Robot, load_robot
+from symcal.robot.files import load_robot
+from symcal.robot.robot import Robot
 from symcal.runs.folder import run_folder, write_json
 
 

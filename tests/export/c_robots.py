@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from symcal.robot.robot import Record, Robot, load_robot
+from symcal.robot.files import load_robot
+from symcal.robot.robot import Record, Robot
 
 ROBOTS = Path(__file__).resolve().parents[2] / "configs" / "robots"
 

@@ -18,7 +18,8 @@ from symcal.export.corrections import COLUMNS, ZERO, corrections
 from symcal.export.gate import check_exportable, doubts
 from symcal.export.json import robot_json, save_json
 from symcal.export.urdf import roll_pitch_yaw
-from symcal.robot.robot import Record, Robot, load_robot
+from symcal.robot.files import load_robot
+from symcal.robot.robot import Record, Robot
 
 ERRORS = {"theta_1": 2e-3, "alpha_2": -5e-3, "d_2": 0.3, "d_3": 0.2, "theta_4": 1e-3, "a_4": -0.1, "d_4": 0.2}
 

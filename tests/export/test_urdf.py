@@ -21,7 +21,8 @@ from symcal.kinematics import chain, forward, frame_vector
 from symcal.model.parameter_set import parameter_set
 from symcal.parameters import ParameterSet
 from symcal.robot.conventions import convert, craig_robot
-from symcal.robot.robot import Joint, Record, Robot, load_robot
+from symcal.robot.files import load_robot
+from symcal.robot.robot import Joint, Record, Robot
 from symcal.robot.urdf import load_urdf
 
 SCARA = """<?xml version="1.0"?>

@@ -14,7 +14,8 @@ from symcal.errors import InputError
 from symcal.joints.arm import G
 from symcal.joints.compliance import Compliance
 from symcal.kinematics import bases
-from symcal.robot.robot import Robot, load_robot, save_robot
+from symcal.robot.files import load_robot, save_robot
+from symcal.robot.robot import Robot
 from symcal.robot.urdf import load_urdf
 
 ARMS = {

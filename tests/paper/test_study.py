@@ -12,7 +12,7 @@ from study_case import CONFIG, experiment, outcome
 from symcal.errors import InputError, RefusedError
 from symcal.paper import published
 from symcal.paper.simulation_1 import recover
-from symcal.robot.robot import load_robot
+from symcal.robot.files import load_robot
 from symcal.runs.load import load
 from symcal.runs.run import run
 from symcal.runs.study import study_experiment, write

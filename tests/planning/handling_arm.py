@@ -13,7 +13,8 @@ from symcal.kinematics import Chain, chain
 from symcal.model.measurement import Setup
 from symcal.model.parameter_set import parameter_set
 from symcal.planning.camera_view import CameraView, camera_view, look_at
-from symcal.robot.robot import Robot, load_robot
+from symcal.robot.files import load_robot
+from symcal.robot.robot import Robot
 
 ROBOT = Path(__file__).resolve().parents[2] / "configs" / "robots" / "handling_robot.yaml"
 

@@ -15,7 +15,8 @@ from symcal.model.parameter_set import parameter_set
 from symcal.model.task import Task
 from symcal.planning.area import working_area
 from symcal.planning.information import PoseInformation, pose_information
-from symcal.robot.robot import Joint, Link, Robot, load_robot
+from symcal.robot.files import load_robot
+from symcal.robot.robot import Joint, Link, Robot
 
 SIGMA = 0.1 / math.sqrt(3)
 """Standard deviation of noise uniform on [-0.1, 0.1] mm."""

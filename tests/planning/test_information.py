@@ -16,7 +16,7 @@ from symcal.model.parameter_set import parameter_set
 from symcal.model.task import Task
 from symcal.planning.area import draw, working_area
 from symcal.planning.information import pose_information
-from symcal.robot.robot import load_robot
+from symcal.robot.files import load_robot
 
 
 def test_handling_robot_shows_eleven_of_fifteen_to_positions():

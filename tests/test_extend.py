@@ -153,3 +153,13 @@ def test_backlash_takes_directions_from_the_order_where_no_column_says_them():
     for joint in group.joints:
         if joint.named:
             assert abs(joint.values[0] - 4e-4) < 4 * joint.sigmas[0]
+
+
+def test_too_few_poses_for_joint_terms_leave_geometry_and_say_so():
+    model, _ = models(CASES["nothing"])
+    rng = np.random.default_rng(5)
+    data = simulate(model, {}, rng.uniform(-2.4, 2.4, (13, 6)), Noise("normal", 0.05), rng)
+    found = identify(model.robot, data, model.task, extend="auto")
+    tried = found.extension is not None
+    assert tried != any("nothing beyond geometry was tried" in note for note in found.notes)
+    assert not found.robot.terms

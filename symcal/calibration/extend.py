@@ -46,14 +46,20 @@ def calibrate_extended(
     Args:
         model: of the robot without them. wanted: `("auto",)` or names of groups (`candidates.GROUPS`).
     Raises:
-        InputError: no such group, or one that the data carry nothing for. RefusedError: as of `calibrate`.
+        InputError: no such group, or one that the data carry nothing for. RefusedError: as of `calibrate`, which data
+            that are too few for joint terms alone do not raise: it is then said in the notes.
     """
     terms = candidates(model.robot, wanted, data.conditions)
     groups = tuple(dict.fromkeys(p.group for term in terms for p in term.parameters))
     own = {p.group for p in model.robot.term_parameters.values()}
     full = with_terms(model, terms)
     options = replace(options, shrinking=tuple(group for group in groups if group not in own))
-    found = calibrate(full, baseline, data, options)
+    try:
+        found = calibrate(full, baseline, data, options)
+    except RefusedError as error:
+        alone = calibrate(model, baseline, data, options)  # refused as well where the data are no better
+        said = f"nothing beyond geometry was tried: {error}"
+        return replace(alone, notes=(*alone.notes, said))
     train = data.part("train")
     at = _groups_of(full, train, found.after, options)
     chosen = options.shrinking

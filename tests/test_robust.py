@@ -108,12 +108,12 @@ def test_the_covariance_is_the_sandwich(loss: Loss) -> None:
     t = np.linalg.norm(r, axis=1) / after.sigmas["position"]
     w = loss_weights(loss, t, 3)
     steep = w * loss_slopes(loss, t, 3).sum() / w.sum()
-    known = np.vstack([system.prior_rows(after.x), system.size_rows(after.x) / after.factor])[:, :-1]
+    known = system.known_rows(after.x, after.every_factor)[:, :-1]
     inverse = np.linalg.inv(np.einsum("b,bij,bik->jk", steep, slopes, slopes) + known.T @ known)
     leverage = steep * np.einsum("bij,jk,bik->b", slopes, inverse, slopes) / 3
     scatter = np.einsum("b,bij,bik->jk", (w * t) ** 2 / 3 / (1 - leverage), slopes, slopes) + known.T @ known
     spread = np.full(r.shape, after.sigmas["position"])
-    assert sandwich(system, after.x, spread, after.factor, loss) == pytest.approx(
+    assert sandwich(system, after.x, spread, after.every_factor, loss) == pytest.approx(
         inverse @ scatter @ inverse, rel=1e-5, abs=1e-9
     )
 
@@ -200,7 +200,7 @@ def test_clean_readings_are_rarely_accused() -> None:
     x = start.after.x
     system = whitened(rows, start.after.free, np.zeros(len(x)), x)
     given = piles(system, x, known_sigma(rows, {}))
-    beforehand = np.vstack([system.prior_rows(x), system.size_rows(x)])
+    beforehand = system.known_rows(x, {"": 1.0})
     beforehand[:, -1] = 0.0
     beforehand[:, :-1] *= 1e-3  # next to nothing is known: the F law is exact
     accused = 0

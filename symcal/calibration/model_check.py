@@ -134,8 +134,8 @@ def model_check(calibration: Calibration, data: Dataset, options: Options) -> Mo
 
 def _score(system: VarianceModel, own: PoseRows, variances: Variances, after: Fit, joints: Array) -> Score | None:
     whole = system.system
-    known = [whole.prior_rows(after.x), *(whole.size_rows(after.x, g) / variances.factors[g] for g in whole.groups)]
-    return score_of(own, own.jacobian[:, whole.index] * whole.scales, np.vstack(known), joints)
+    known = whole.known_rows(after.x, variances.factors)
+    return score_of(own, own.jacobian[:, whole.index] * whole.scales, known, joints)
 
 
 def _residuals(system: VarianceModel, after: Fit) -> dict[int, tuple[float, float]]:
@@ -291,7 +291,7 @@ class _Search:
 
 
 def _amplitude(pattern: Pattern, coefficients: Array) -> float:
-    if pattern.kind in ("harmonic", "drift", "direction") or pattern.motion is None:
+    if pattern.kind in ("harmonic", "drift", "approach") or pattern.motion is None:
         return float(np.linalg.norm(coefficients))
     return float(np.ptp(pattern.motion @ coefficients) / 2)
 

@@ -21,7 +21,7 @@ from symcal.parameters import zero_name
 from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
-Kind = Literal["angle", "harmonic", "gravity", "direction", "drift", "neighbours", "reach"]
+Kind = Literal["angle", "harmonic", "gravity", "approach", "drift", "neighbours", "reach"]
 
 WAVES = (1, 2, 3, 4)
 """Multiples of a joint's reading whose waves are looked for."""
@@ -87,7 +87,7 @@ def joint_patterns(robot: Robot, data: Dataset, order: Dataset, rows: PoseRows, 
         if not any(p.name in own for p in Backlash(i, turns).parameters):
             stated = direction_name(i) in data.conditions
             motion = data.conditions[direction_name(i)] if stated else _directions(order, i)
-            each = _of_joint("direction", i, robot, rows, joints, -motion[:, None])
+            each = _of_joint("approach", i, robot, rows, joints, -motion[:, None])
             found.append(replace(each, stated=stated))
     return [pattern for pattern in found if pattern.columns.any()]
 
@@ -105,7 +105,7 @@ def _of_joint(
         "angle": f"the {'angle' if robot.joints[joint - 1].revolute else 'stroke'} of joint {joint}",
         "harmonic": f"a wave of joint {joint}, {k} to a turn",
         "gravity": f"gravity at joint {joint}",
-        "direction": f"the direction from which joint {joint} came",
+        "approach": f"the direction from which joint {joint} came",
     }[kind]
     columns = joints[:, joint - 1 : joint] * motion[rows.pose]
     unit = "rad" if robot.joints[joint - 1].revolute else "mm"

@@ -199,7 +199,7 @@ def _with_check(
     content: dict[str, Any], calibration: Calibration, data: Dataset, experiment: Experiment
 ) -> tuple[ModelCheck, Calibration]:
     """The check of the model, its facts and warnings added to the content; what the model lacks makes no outliers."""
-    check = model_check(calibration, data, experiment.options)
+    check = model_check(calibration, data, replace(experiment.options, loss=calibration.after.loss))
     tried = experiment.file.identification.groups
     content["model_check"] = model_check_facts(check, tried)
     content["warnings"] += model_warnings(check, tried)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from strategies import generators, random_robot, readings, with_terms
 
 from symcal.errors import RefusedError
@@ -26,6 +26,7 @@ def pose(robot: Robot, q: np.ndarray, conditions: np.ndarray) -> np.ndarray:
 
 
 @given(rng=generators)
+@settings(max_examples=20)
 def test_terms_stay_what_they_are(rng: np.random.Generator) -> None:
     robot = with_terms(rng, replace(random_robot(rng), record=None), 10.0)
     other: Convention = "craig" if robot.convention == "standard" else "standard"

@@ -41,7 +41,7 @@ def scaled(jacobian: np.ndarray, sizes: list[float]) -> np.ndarray:
     return jacobian * np.array([[1.0]] * 3 + [[200.0]] * 3) * sizes
 
 
-@settings(max_examples=30)
+@settings(max_examples=14)
 @given(generators)
 def test_poses_and_slopes_are_those_of_the_witness(rng):
     robot = random_arm(rng)

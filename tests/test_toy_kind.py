@@ -25,7 +25,7 @@ measurements:
     at: {on: base, place: unknown}
     target: {on: flange, points: {P: [20, 30, 80]}}
 data: {source: simulated, truth: {sigma_length: 0.2, sigma_angle: 0.1, errors: {level_scale: 0.001}}, test_poses: 40}
-plan: {poses: 60, promise: {counts: [60], random: 10}, sample: 500}
+plan: {poses: 60, promise: {counts: [60], random: 4}, sample: 200, random: 20, compare: []}
 """
 
 COMMANDS = """
@@ -38,7 +38,7 @@ for arguments in (
     ["schema"],
     ["plan", "level.yaml", "--out", "plan", "--set", "plan.method=random"],
     ["run", "level.yaml", "--out", "run"],
-    ["identify", "again.yaml", "--out", "again"],
+    ["identify", "again.yaml", "--out", "again", "--set", "outputs.report=false", "--set", "outputs.figures=false"],
     ["validate", "run/calibrated.yaml", "--data", "run/measurements.csv", "--out", "validated"],
     ["export", "run/calibrated.yaml", "--to", "json", "--out", "robot.json"],
 ):

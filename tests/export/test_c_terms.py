@@ -40,7 +40,7 @@ def by_json(robot: Robot, q: np.ndarray) -> np.ndarray:
 
 
 @given(rng=generators)
-@settings(max_examples=8)
+@settings(max_examples=5)
 def test_the_oracle_is_right(rng: np.random.Generator) -> None:
     robot = with_terms(rng, replace(random_robot(rng), record=None), 5.0)
     q = random_readings(robot, rng, 1)[0]
@@ -84,9 +84,9 @@ def test_c_against_the_json(name: str, rng: np.random.Generator, tmp_path: Path)
 
 
 @needs_make
-@pytest.mark.parametrize("name", ["puma", "random 3"])
-def test_the_self_test_knows_terms(name: str, tmp_path: Path) -> None:
-    robot = puma_with_terms() if name == "puma" else arm_with_all(8, 3)
+def test_the_self_test_knows_terms(tmp_path: Path) -> None:
+    """Of a small arm; the emulators of continuous integration run that of a six-axis one."""
+    robot = arm_with_all(8, 3)
     export = export_c(robot, tmp_path / "c")
     assert self_test(export.folder).count("self-test passed") == 2
     without = export_c(replace(robot, terms=()), tmp_path / "without", prefix=export.prefix)
@@ -104,7 +104,7 @@ def test_commands_compensated_in_c_arrive(rng: np.random.Generator, tmp_path: Pa
     robot = puma_with_terms()
     export = export_c(robot, tmp_path / "c")
     q = random_readings(robot, rng, 150)
-    library = build_library(export, robot, tmp_path, np.float64)
+    library = build_library(export, robot, tmp_path, np.float64, ["-O0"])
     goal = by_json(robot.nominal(), q)
     for function, numbers in (("compensate", (1.0, 0.0)), ("compensate_pose", (1.0, 300.0))):
         out, residual, status = library.compensate(function, q)

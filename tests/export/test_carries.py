@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from arms_with_terms import puma_with_terms, six_axis, usual_terms
-from hypothesis import given
+from hypothesis import given, settings
 from json_arm import tool_pose
 from strategies import generators, random_robot, readings, with_terms
 
@@ -49,6 +49,7 @@ def apart(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @given(rng=generators)
+@settings(max_examples=12)
 def test_json_alone_gives_the_pose(rng: np.random.Generator) -> None:
     """An evaluation that knows the file and nothing else agrees with the symbolic chain, conditions included."""
     robot = with_terms(rng, replace(random_robot(rng), record=None), 5.0)

@@ -111,7 +111,7 @@ def test_what_the_robot_has_is_not_added_again():
     ("wanted", "conditions", "found", "words"),
     [
         (["gravitation"], (), "gravitation", "did you mean 'gravity'?"),
-        (["harmonics 41"], (), "harmonics 9", "no such group"),
+        (["harmonics 41"], (), "harmonics 41", "no such group"),
         (["auto", "gravity"], (), "auto", "no such group"),
         (["backlash"], (), "backlash", "give columns q1_direction"),
         (["backlash"], ("payload",), "backlash", "give columns q1_direction"),

@@ -238,7 +238,7 @@ def test_a_known_distance_tells_the_length_and_a_wrong_one_is_refused(rng: np.ra
 # --------------------------------------------------------------------------------------------------------------- plans
 
 
-@pytest.mark.parametrize(("name", "count"), [("pin", 30), ("plane", 80)])
+@pytest.mark.parametrize(("name", "count"), [("pin", 30), pytest.param("plane", 80, marks=pytest.mark.long)])
 def test_a_plan_of_contacts_beats_random_ones_by_the_forecast_and_in_simulation(
     name: str, count: int, configs: Path
 ) -> None:
@@ -443,7 +443,10 @@ def test_a_slip_in_the_joints_is_refused(slip: str, tmp_path: Path, rng: np.rand
 
 
 @pytest.mark.usefixtures("symcal_data")
-@pytest.mark.parametrize(("arm", "extend", "most"), [("panda_1", "none", 0.66), ("panda_2", "auto", 0.43)])
+@pytest.mark.parametrize(
+    ("arm", "extend", "most"),
+    [("panda_1", "none", 0.66), pytest.param("panda_2", "auto", 0.43, marks=pytest.mark.long)],
+)
 def test_real_sockets_at_other_places_are_met(arm: str, extend: str, most: float, configs: Path) -> None:
     """The mean distance to the group's mean, which the test computes itself from the calibrated robot's poses."""
     experiment = load(configs / "real" / f"{arm}.yaml", overrides=[*QUIET, f"identification.extend={extend}"])

@@ -227,6 +227,7 @@ def test_check_says_what_each_instrument_adds(write: Write) -> None:
     assert "wire_offset" in wire.unknown
 
 
+@pytest.mark.long
 def test_a_plan_compares_the_instruments(write: Write) -> None:
     tracker, wire = (
         t.replace("target: smr", f"target: smr, noise: {n}")

@@ -99,6 +99,7 @@ def test_the_self_test_knows_terms(tmp_path: Path) -> None:
 
 
 @needs_compiler
+@pytest.mark.long
 def test_commands_compensated_in_c_arrive(rng: np.random.Generator, tmp_path: Path) -> None:
     """Three full Newton steps converge nearly always away from singular wrists and elbows; no pose gets worse."""
     robot = puma_with_terms()

@@ -120,6 +120,7 @@ def around() -> tuple[Model, WorkingArea, PoseInformation]:
     return model, area, info
 
 
+@pytest.mark.long
 def test_a_plan_beats_random_postures_as_it_foretold(around: tuple[Model, WorkingArea, PoseInformation]) -> None:
     """Errors of the camera's place over the region, after identifications of simulated data from both."""
     model, area, info = around

@@ -32,9 +32,8 @@ from symcal.compensation.compensate import (
 )
 from symcal.compensation.targets import commanded, joint_columns, read_targets, tool_pose, wanted
 from symcal.errors import InputError, RefusedError
-from symcal.kinematics import ELEMENTS
 from symcal.robot.files import load_robot
-from symcal.robot.robot import Joint, Link, Record, Robot, is_angle
+from symcal.robot.robot import ELEMENTS, Joint, Link, Record, Robot, is_angle
 
 
 def calibrated(robot: Robot, errors: dict[str, float]) -> Robot:

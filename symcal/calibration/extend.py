@@ -76,8 +76,6 @@ def calibrate_extended(
         rejected.append(min(against, key=lambda group: trial[group].better))
     model_kept = with_terms(model, [term for term in terms if _in(term, [*kept, *own])])
     last = found if len(kept) == len(chosen) else calibrate(model_kept, baseline, data, options)
-    if not kept and not own:
-        last = calibrate(model, baseline, data, options)
     first = full.measurement.groups[0]
     shared = shared_findings(last) if kept else ()
     extension = Extension(

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from symcal.calibration.candidates import AUTO
+from symcal.calibration.candidates import AUTO, CONDITIONED
 from symcal.calibration.lack_of_fit import LackOfFit
 from symcal.calibration.model_check import LEVEL, Found, ModelCheck
 from symcal.calibration.patterns import Kind
@@ -104,7 +104,8 @@ def _extended(groups: Sequence[str], tried: Sequence[str]) -> list[str]:
     new = [group for group in dict.fromkeys(groups) if group not in had]
     if not new:
         return []
-    wanted = "auto" if not had and set(new) <= set(AUTO) else f"[{', '.join([*had, *new])}]"
+    again = [group for group in had if group not in CONDITIONED]  # the data may carry nothing for these
+    wanted = "auto" if not had and set(new) <= set(AUTO) else f"[{', '.join([*again, *new])}]"
     return [f"set `identification: {{extend: {wanted}}}`"]
 
 

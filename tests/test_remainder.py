@@ -20,9 +20,10 @@ from symcal.calibration.remainder import outside, physics_of, remainder_facts, w
 from symcal.compensation.compensate import compensate
 from symcal.compensation.targets import commanded, tool_pose
 from symcal.errors import InputError, RefusedError
+from symcal.export import FORMATS, export_robot
+from symcal.export.carries import refuse_remainder
 from symcal.export.json import save_json
-from symcal.export.remainder import refuse_remainder
-from symcal.export.urdf import urdf_text
+from symcal.export.urdf import save_urdf, urdf_text
 from symcal.fit.correlated_rows import field_of
 from symcal.fit.estimation import Options
 from symcal.instruments.distance import Distance
@@ -373,6 +374,12 @@ def test_what_cannot_have_one_is_refused(rng, tmp_path):
         urdf_text(robot)
     with pytest.raises(RefusedError, match="JSON"):
         save_json(robot, tmp_path / "robot.json")
+    with pytest.raises(RefusedError, match="URDF"):
+        save_urdf(robot, tmp_path / "robot.urdf", approximate=True)
+    for way in FORMATS:
+        with pytest.raises(RefusedError, match="smooth remainder"):
+            export_robot(robot, way, tmp_path / way)
+        assert not (tmp_path / way).exists()
     with pytest.raises(RefusedError, match="firmware"):
         refuse_remainder(robot, "firmware")
     refuse_remainder(arm(), "firmware")

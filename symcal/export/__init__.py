@@ -8,7 +8,7 @@ from pathlib import Path
 
 from symcal.errors import InputError
 from symcal.export.c import export_c
-from symcal.export.carries import LeftOut, check_carries, left_out
+from symcal.export.carries import LeftOut, check_carries, left_out, refuse_remainder
 from symcal.export.corrections import corrections
 from symcal.export.gate import Doubt, check_exportable, doubts
 from symcal.export.json import robot_json, save_json
@@ -49,10 +49,11 @@ def export_robot(robot: Robot, to: str, folder: Path, *, force: bool = False, ap
 
     Raises:
         RefusedError: a fit that did not converge or corrections that are implausibly large, unless forced; joint terms
-            that the format cannot carry, unless they may be left out.
+            that the format cannot carry, unless they may be left out; a smooth remainder.
         InputError: the files cannot be written.
     """
     overridden = check_exportable(robot, force)
+    refuse_remainder(robot, {"c": "the C code", "urdf": "URDF", "json": "JSON"}[to])
     if to == "urdf" and not approximate:
         check_carries(robot, "urdf")
     try:

@@ -1,5 +1,7 @@
 """The one gate of joint terms: which of them a way out of symcal can carry, and what leaving out the others costs.
 
+No file but the robot file carries a smooth remainder.
+
 json         all of them, as definitions and numbers
 c, commands  all of them at nominal conditions: neither knows from which side a joint comes, nor what the tool holds
 urdf, table  none: a joint of URDF, and a controller's table of offsets and lengths, has a constant zero at most
@@ -121,16 +123,31 @@ def left_out(robot: Robot, way: Way) -> LeftOut | None:
     return LeftOut(way, tuple(term.words(names) for term in lost), written, worst.mm, worst.rad, per_kg, zeros)
 
 
+def refuse_remainder(robot: Robot, format_: str) -> None:
+    """Let a robot without a smooth remainder pass to a format that has no room for one.
+
+    Raises:
+        RefusedError: it has one.
+    """
+    if robot.remainder is not None:
+        raise RefusedError(
+            f"{robot.name} has a smooth remainder of {len(robot.remainder.centres)} centres, which {format_} cannot "
+            "carry, and its other numbers hold only together with it: identify with 'remainder: none' to export, or "
+            "compensate with symcal"
+        )
+
+
 def check_carries(robot: Robot, way: Way, approximate: bool = False) -> LeftOut | None:
-    """Let a robot go out this way, or refuse it for the joint terms that would be lost.
+    """Let a robot go into a file this way, or refuse it for a smooth remainder or joint terms that would be lost.
 
     Terms at nominal conditions are no reason to refuse.
 
     Args:
         approximate: whether it may go without them.
     Raises:
-        RefusedError: terms would be lost and ``approximate`` is False.
+        RefusedError: it has a remainder, or terms would be lost and ``approximate`` is False.
     """
+    refuse_remainder(robot, _NAMES[way])
     found = left_out(robot, way)
     if found is not None and CARRIES[way] == "none" and not approximate:
         raise RefusedError(

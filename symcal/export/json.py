@@ -10,9 +10,8 @@ from typing import Any
 import pandas as pd
 
 from symcal.errors import InputError
-from symcal.export.carries import left_out
+from symcal.export.carries import check_carries, left_out
 from symcal.export.corrections import corrections
-from symcal.export.remainder import refuse_remainder
 from symcal.joints import Term
 from symcal.joints.payload import PAYLOAD
 from symcal.robot.files import frame_entry
@@ -79,7 +78,7 @@ def save_json(robot: Robot, path: Path | str) -> None:
     Raises:
         InputError: the file cannot be written. RefusedError: the robot has a remainder.
     """
-    refuse_remainder(robot, "JSON")
+    check_carries(robot, "json")
     text = json.dumps(robot_json(robot), indent=2, ensure_ascii=False, allow_nan=False, default=str)
     try:
         Path(path).write_text(text + "\n", encoding="utf-8")

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from symcal.errors import InputError, RefusedError
 from symcal.export.carries import LeftOut, check_carries
-from symcal.export.remainder import refuse_remainder
 from symcal.robot.conventions import placements
 from symcal.robot.robot import Joint, Robot
 
@@ -52,7 +51,6 @@ def urdf_text(robot: Robot, *, world: bool = False, approximate: bool = False) -
             position is the joint's own coordinate: it has no gear), or is prismatic without limits (URDF demands
             them); it has a remainder.
     """
-    refuse_remainder(robot, "URDF")
     left = check_carries(robot, "urdf", approximate)
     return _text_of(robot if left is None else left.robot, left, world)
 

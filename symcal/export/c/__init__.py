@@ -17,8 +17,7 @@ from symcal.export.c.names import identifier
 from symcal.export.c.project import cost, project_files
 from symcal.export.c.source import CModel, header, model_hash, source
 from symcal.export.c.vectors import self_test_vectors
-from symcal.export.carries import LeftOut, left_out
-from symcal.export.remainder import refuse_remainder
+from symcal.export.carries import LeftOut, check_carries
 from symcal.robot.robot import Robot
 
 MANIFEST = "symcal_export.json"
@@ -65,7 +64,7 @@ def export_c(
         InputError: the folder holds files that are not of an export, or cannot be written; the prefix is no identifier.
         RefusedError: the model has numbers that single precision cannot hold, or a smooth remainder.
     """
-    refuse_remainder(robot, "C")
+    left = check_carries(robot, "c")
     if prefix is not None and identifier(prefix, "robot") != prefix:
         message = (
             "the prefix must be lower-case letters, digits and single underscores, at most 24, starting with a letter"
@@ -75,7 +74,7 @@ def export_c(
         iterations = 3 if (joint_caps(robot) <= joint_caps(robot.nominal())).all() else 6
     if iterations < 1 or vectors < 1:
         raise InputError("there must be at least one iteration and one test vector", found=(iterations, vectors))
-    model = CModel(robot, prefix or identifier(robot.name, "robot"), iterations, programs(robot), left_out(robot, "c"))
+    model = CModel(robot, prefix or identifier(robot.name, "robot"), iterations, programs(robot), left)
     texts = {
         f"{model.prefix}_kinematics.h": header(model),
         f"{model.prefix}_kinematics.c": source(model),

@@ -13,8 +13,8 @@ from symcal.joints.harmonics import Harmonics
 from symcal.robot.robot import Joint, Link, Record, Robot, is_angle
 
 
-def six_axis() -> Robot:
-    """A puma-like arm."""
+def six_axis(geared: bool = False) -> Robot:
+    """A puma-like arm; geared: with signs, ratios and offsets in its readings."""
     rows = [
         {"alpha": 0.0, "a": 0.0, "d": 400.0, "theta": 0.0},
         {"alpha": -np.pi / 2, "a": 25.0, "theta": 0.0, "beta": 0.0},
@@ -23,9 +23,13 @@ def six_axis() -> Robot:
         {"alpha": np.pi / 2, "a": 0.0, "d": 0.0, "theta": 0.0},
         {"alpha": -np.pi / 2, "a": 0.0, "d": 80.0, "theta": 0.0},
     ]
-    links = tuple(Link(Joint("revolute", f"axis {i}", -2.6, 2.6), row) for i, row in enumerate(rows, start=1))
+    links = []
+    for i, row in enumerate(rows):
+        reading = {"sign": -1, "ratio": 50.0 + i, "offset": 0.2} if geared else {}
+        scale = reading.get("ratio", 1.0)
+        links.append(Link(Joint("revolute", f"axis {i + 1}", lower=-2.6 / scale, upper=2.6 / scale, **reading), row))
     tool = spatial.transform(spatial.rpy_matrix(np.array([0.1, -0.2, 0.3])), np.array([10.0, -20.0, 120.0]))
-    return Robot("puma", "craig", links, tool=tool)
+    return Robot("puma", "craig", tuple(links), tool=tool)
 
 
 def usual_terms() -> tuple[Term, ...]:

@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 import pandas as pd
 import pytest
+from arms_with_terms import six_axis
 from cases import TABLE_III
 from hypothesis import given
 from hypothesis import strategies as st
@@ -33,7 +34,7 @@ from symcal.compensation.compensate import (
 from symcal.compensation.targets import commanded, joint_columns, read_targets, tool_pose, wanted
 from symcal.errors import InputError, RefusedError
 from symcal.robot.files import load_robot
-from symcal.robot.robot import ELEMENTS, Joint, Link, Record, Robot, is_angle
+from symcal.robot.robot import ELEMENTS, Record, Robot, is_angle
 
 
 def calibrated(robot: Robot, errors: dict[str, float]) -> Robot:
@@ -68,25 +69,6 @@ def missed(robot: Robot, q: np.ndarray, goal: np.ndarray) -> np.ndarray:
 def handling() -> Robot:
     robot = load_robot(Path(__file__).parents[1] / "configs" / "robots" / "handling_robot.yaml")
     return calibrated(robot, TABLE_III)
-
-
-def six_axis(geared: bool = False) -> Robot:
-    """A puma-like arm; geared: with signs, ratios and offsets in its readings."""
-    rows = [
-        {"alpha": 0.0, "a": 0.0, "d": 400.0, "theta": 0.0},
-        {"alpha": -np.pi / 2, "a": 25.0, "theta": 0.0, "beta": 0.0},
-        {"alpha": 0.0, "a": 560.0, "beta": 0.0, "theta": 0.0, "d": 0.0},
-        {"alpha": -np.pi / 2, "a": 35.0, "d": 515.0, "theta": 0.0},
-        {"alpha": np.pi / 2, "a": 0.0, "d": 0.0, "theta": 0.0},
-        {"alpha": -np.pi / 2, "a": 0.0, "d": 80.0, "theta": 0.0},
-    ]
-    links = []
-    for i, row in enumerate(rows):
-        reading = {"sign": -1, "ratio": 50.0 + i, "offset": 0.2} if geared else {}
-        scale = reading.get("ratio", 1.0)
-        links.append(Link(Joint("revolute", f"axis {i}", lower=-2.6 / scale, upper=2.6 / scale, **reading), row))
-    tool = spatial.transform(spatial.rpy_matrix(np.array([0.1, -0.2, 0.3])), np.array([10.0, -20.0, 120.0]))
-    return Robot("puma", "craig", tuple(links), tool=tool)
 
 
 def puma(rng: np.random.Generator, geared: bool = False) -> Robot:

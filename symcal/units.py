@@ -16,9 +16,6 @@ PIXEL: dict[str, float] = {"px": 1.0}
 """px per unit."""
 DEGREES = 180 / math.pi
 """deg per rad."""
-SHOWN_UNITS: dict[str, str] = {"mm": "mm", "rad": "deg", "px": "px"}
-"""In what people are shown the program's units."""
-
 SHOWN: dict[str, tuple[str, float]] = {
     "mm": ("mm", 1.0),
     "rad": ("deg", DEGREES),
@@ -30,6 +27,8 @@ SHOWN: dict[str, tuple[str, float]] = {
     "mm/N": ("µm/N", 1e3),
 }
 """In what people are shown a parameter, and how many of that one of the program's units is; see `in_mrad`."""
+SHOWN_UNITS: dict[str, str] = {unit: SHOWN[unit][0] for unit in ("mm", "rad", "px")}
+"""In what people are shown what instruments read."""
 
 
 def in_mrad(unit: str) -> tuple[str, float]:

@@ -8,17 +8,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal import kinematics
 from symcal.errors import InputError
 from symcal.joints import Term
 from symcal.joints.backlash import Backlash, direction_name
 from symcal.joints.compliance import Compliance
 from symcal.joints.coupling import Coupling
-from symcal.joints.gravity import FLANGE, OWN, Gravity, later
+from symcal.joints.gravity import Gravity, points_of
 from symcal.joints.harmonics import Harmonics
 from symcal.joints.payload import PAYLOAD, PayloadTerm
 from symcal.joints.ratio import Ratio
-from symcal.kernels import batch_function
+from symcal.kinematics import motions
 from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -65,7 +64,7 @@ def _group(robot: Robot, group: str, conditions: Collection[str]) -> list[Term]:
     revolute = [j.revolute for j in robot.joints]
     every = list(enumerate(revolute, start=1))
     if group == "gravity":
-        return gravity_terms(robot)
+        return [*gravity_terms(robot)]
     if group.startswith("harmonics"):
         k = int(group.rpartition(" ")[2])
         return [Harmonics(i, True, k=(k,)) for i, turns in every if turns]
@@ -84,12 +83,10 @@ def terms_named(robot: Robot, names: Collection[str]) -> tuple[Term, ...]:
 
     Numbers that no term has are passed over. Compliances are there where the robot file has masses or a payload.
     """
-    n = robot.dof
     every: list[Term] = []
     for i, joint in enumerate(robot.joints, start=1):
         turns = joint.revolute
-        points = (*(OWN if turns else ("x",)), *(later(j) for j in range(i + 1, n + 1)), FLANGE)
-        every += [Ratio(i, turns), *(Gravity(i, turns, points=(point,)) for point in points)]
+        every += [Ratio(i, turns), *(Gravity(i, turns, points=(p,)) for p in points_of(i, turns, robot.dof))]
         every += [Harmonics(i, turns, k=(k,)) for k in range(1, HIGHEST + 1)] if turns else []
         every += [
             Coupling(i, turns, by=j, by_revolute=other.revolute)
@@ -102,30 +99,20 @@ def terms_named(robot: Robot, names: Collection[str]) -> tuple[Term, ...]:
     return tuple(t for t in every if any(p.name in names and p.name not in own for p in t.parameters))
 
 
-def gravity_terms(robot: Robot) -> list[Term]:
+def gravity_terms(robot: Robot) -> list[Gravity]:
     """Weights whose moments differ, at every joint on which gravity has one that changes over the joint limits.
 
     Of weights whose moments are sums of those of others and a constant the later ones are left out.
     """
-    n = robot.dof
     terms = [
-        Gravity(
-            i,
-            joint.revolute,
-            points=(*(OWN if joint.revolute else ("x",)), *(later(j) for j in range(i + 1, n + 1)), FLANGE),
-        )
+        Gravity(i, joint.revolute, points=points_of(i, joint.revolute, robot.dof))
         for i, joint in enumerate(robot.joints, start=1)
     ]
-    q = np.random.default_rng(0).uniform(*robot.ranges, (_SAMPLES, n))
-    (moments,) = batch_function(kinematics.bases(replace(robot, terms=tuple(terms))), evaluations=0)(q)
-    out: list[Term] = []
-    first = 0
-    for term in terms:
-        kept = _independent(moments[:, first : first + len(term.points)])
-        first += len(term.points)
-        if kept:
-            out.append(replace(term, points=tuple(term.points[i] for i in kept)))
-    return out
+    q = np.random.default_rng(0).uniform(*robot.ranges, (_SAMPLES, robot.dof))
+    kept = [_independent(moments) for moments in motions(replace(robot, terms=tuple(terms)), q)]
+    return [
+        replace(term, points=tuple(term.points[i] for i in own)) for term, own in zip(terms, kept, strict=True) if own
+    ]
 
 
 def _independent(columns: Array) -> list[int]:

@@ -7,8 +7,9 @@ with those that are left is identified as any other. The way is ours.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,6 @@ from symcal.errors import RefusedError
 from symcal.fit.estimation import Fit, Options, variance_model
 from symcal.fit.groups import Groups, groups_at
 from symcal.fit.residual_rows import rows_of
-from symcal.fit.variances import Variances
 from symcal.joints import Term
 from symcal.joints.backlash import direction_name
 from symcal.model.model import Model, build_model
@@ -44,11 +44,14 @@ def calibrate_extended(
     What was found is the result's ``extension``.
 
     Args:
-        model: of the robot without them. wanted: `("auto",)` or names of groups (`candidates.GROUPS`).
+        model: of the robot without them. wanted: `("auto",)` or names of groups (`candidates.GROUPS`); empty: none is
+            tried.
     Raises:
         InputError: no such group, or one that the data carry nothing for. RefusedError: as of `calibrate`, which data
             that are too few for joint terms alone do not raise: it is then said in the notes.
     """
+    if not wanted:
+        return calibrate(model, baseline, data, options)
     terms = candidates(model.robot, wanted, data.conditions)
     groups = tuple(dict.fromkeys(p.group for term in terms for p in term.parameters))
     own = {p.group for p in model.robot.term_parameters.values()}
@@ -62,14 +65,19 @@ def calibrate_extended(
         return replace(alone, notes=(*alone.notes, said))
     train = data.part("train")
     at = _groups_of(full, train, found.after, options)
-    chosen = options.shrinking
-    folds, gains, kept, trial = _folds(at), dict[str, float](), list(chosen), dict[str, HeldOut]()
+    chosen, folds = options.shrinking, _folds(at)
+
+    @cache
+    def held_out(gone: frozenset[str]) -> Array:
+        return at.held_out(tuple(gone), folds)
+
+    gains: dict[str, float] = {}
     rejected: list[str] = []
     while True:
         left = at.eliminated([group for group in chosen if group not in rejected], rejected)
         gains |= left.gains
         kept = list(left.kept)
-        trial = {group: _compared(at, chosen, kept, group, folds) for group in chosen}
+        trial = {group: _compared(at, held_out, chosen, kept, group) for group in chosen}
         against = [group for group in kept if trial[group].better < -_AGAINST]
         if not against:
             break
@@ -84,8 +92,8 @@ def calibrate_extended(
         folds=len(folds),
         quantity=first.quantity,
         unit=first.unit,
-        geometry=_rms(at, at.held_out(chosen, folds)),
-        chosen=_rms(at, at.held_out([group for group in chosen if group not in kept], folds)),
+        geometry=_rms(at, held_out(frozenset(chosen))),
+        chosen=_rms(at, held_out(frozenset(chosen) - set(kept))),
         groups=tuple(
             GroupFinding(
                 group,
@@ -162,7 +170,7 @@ def _groups_of(model: Model, train: Dataset, after: Fit, options: Options) -> Gr
     rows = rows_of(model.measurement, train, after.setup, model.residuals, unplaced)
     one = replace(options, loss=after.loss)  # `auto` has chosen
     system = variance_model(rows, after.free, one, prior_mean=stated(model, after.setup))
-    return groups_at(system, after.x, Variances(dict(after.sigmas), after.every_factor, after.weights))
+    return groups_at(system, after.x, after.variances)
 
 
 def _folds(at: Groups) -> list[NDArray[np.intp]]:
@@ -180,14 +188,17 @@ def _folds(at: Groups) -> list[NDArray[np.intp]]:
 
 
 def _compared(
-    at: Groups, chosen: Sequence[str], kept: Sequence[str], group: str, folds: Sequence[NDArray[np.intp]]
+    at: Groups, held_out: Callable[[frozenset[str]], Array], chosen: Sequence[str], kept: Sequence[str], group: str
 ) -> HeldOut:
-    """Held-out poses without and with a group, beside the other kept ones."""
-    others = [name for name in kept if name != group]
-    with_ = [name for name in chosen if name not in (*others, group)]
-    without = [name for name in chosen if name not in others]
-    spread = at.model.spread(at.variances_without(with_))
-    residuals = [at.held_out(gone, folds) for gone in (without, with_)]
+    """Held-out poses without and with a group, beside the other kept ones.
+
+    Args:
+        held_out: residuals of held-out poses by the groups that are left out.
+    """
+    without = frozenset(chosen) - (set(kept) - {group})
+    with_ = without - {group}
+    spread = at.model.spread(at.variances_without(tuple(with_)))
+    residuals = [held_out(gone) for gone in (without, with_)]
     squares = [np.sum((np.where(np.isfinite(spread), r, 0.0) / spread) ** 2, axis=1) for r in residuals]
     difference = squares[0] - squares[1]
     error = float(np.std(difference, ddof=1)) / np.sqrt(len(difference))

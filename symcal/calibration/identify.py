@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
-from symcal.calibration.calibrate import Calibration, baseline_model, calibrate
+from symcal.calibration.calibrate import Calibration, baseline_model
 from symcal.calibration.extend import calibrate_extended, with_directions
 from symcal.data.dataset import Dataset, merged
 from symcal.data.measurement_file import load_measurements
@@ -53,8 +53,6 @@ def identify(
     options = options or Options()
     sigma = {**model.measurement.stated_noise, **options.sigma}
     options = replace(options, sigma=sigma)
-    if not extend:
-        return calibrate(model, baseline_model(model), data, options)
     groups = (extend,) if isinstance(extend, str) else tuple(extend)
     data = with_directions(data, robot, groups)
     return calibrate_extended(model, baseline_model(model), data, options, groups)

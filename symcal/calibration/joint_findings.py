@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from symcal import kinematics
 from symcal.calibration.calibrate import Calibration
 from symcal.calibration.extension import JointFinding, SharedFinding
 from symcal.joints.gravity import OWN, Gravity
-from symcal.kernels import batch_function
+from symcal.kinematics import motions
 from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -62,32 +61,28 @@ def _finding(
     robot, after = calibration.model.robot, calibration.after
     own = [place[name] for name in names]
     described = {p.name: p for p in robot.described}
-    values = np.array([described[n].nominal for n in names])
-    errors = after.x[calibration.model.parameters.indices(list(names))]
+    errors = after.x[calibration.model.parameters.indices(names)]
+    values = errors + [described[name].nominal for name in names]
     covariance = after.posterior.covariance[np.ix_(own, own)]
-    prior = after.posterior.assumed[own]
+    prior, size = after.posterior.assumed[own], np.array([described[name].scale for name in names])
     information = _information(covariance, prior)
     inverse = np.linalg.solve(covariance, errors)
     statistic = float(inverse @ np.linalg.pinv(information, hermitian=True, rcond=1e-9) @ inverse)
-    rank = len(names)
-    p = float(chi2.sf(statistic, rank))
-    size = np.array([described[n].scale for n in names])
+    p = float(chi2.sf(statistic, len(names)))
     if plausible is None:
         size = np.maximum(size, prior)  # as plausible as the data say
     else:
         information = _information(plausible[np.ix_(own, own)], size)
     strength = np.linalg.eigvalsh(information * np.outer(size, size))
     waves: dict[str, Any] = {}
-    sines = [i for i, n in enumerate(names) if "_sin_" in n or n.endswith("_sin")]
-    if len(names) == 2 and sines:
-        waves = _wave(float(values[0] + errors[0]), float(values[1] + errors[1]), covariance)
+    if [name.rpartition("_")[0].rpartition("_")[2] for name in names] == ["sin", "cos"]:
         weakest = float(np.max(size / np.sqrt(np.maximum(strength, 1e-30))))
-        waves["smallest"] = weakest * float(np.sqrt(chi2.isf(LEVEL / joints, 2)))
+        waves = _wave(values, covariance) | {"smallest": weakest * float(np.sqrt(chi2.isf(LEVEL / joints, 2)))}
     return JointFinding(
         joint=joint,
         name=robot.joints[joint - 1].name,
         names=tuple(names),
-        values=tuple((values + errors).tolist()),
+        values=tuple(values.tolist()),
         sigmas=tuple(np.sqrt(np.diag(covariance)).tolist()),
         p=p,
         named=p < LEVEL / joints,
@@ -105,8 +100,9 @@ def _information(covariance: Array, prior: Array) -> Array:
     return np.asarray((axes * gained) @ axes.T / scale)
 
 
-def _wave(sine: float, cosine: float, covariance: Array) -> dict[str, float | None]:
-    """Amplitude and phase of s sin + c cos, to first order."""
+def _wave(values: Array, covariance: Array) -> dict[str, float | None]:
+    """Amplitude and phase of s sin + c cos, to first order. Args: values: s and c."""
+    sine, cosine = values.tolist()
     amplitude = float(np.hypot(sine, cosine))
     if amplitude == 0:
         return {"amplitude": 0.0, "amplitude_sigma": float(np.sqrt(np.max(np.diag(covariance))))}
@@ -123,52 +119,43 @@ def _wave(sine: float, cosine: float, covariance: Array) -> dict[str, float | No
 def shared_findings(calibration: Calibration) -> tuple[SharedFinding, ...]:
     """First harmonics and gravity moments of the own link that are one and the same, where one of them is estimated."""
     robot, after = calibration.model.robot, calibration.after
+    nominal = {p.name: p.nominal for p in robot.described}
     out = []
-    for joint in _turns_alike(robot):
-        waves = [f"q{joint}_{wave}_1" for wave in ("sin", "cos")]
-        weights = [f"q{joint}_gravity_{point}" for point in OWN]
-        there = [name for name in (*waves, *weights) if name in after.free]
+    for joint, weights in _as_waves(robot).items():
+        names = [f"q{joint}_{wave}_1" for wave in ("sin", "cos")] + [f"q{joint}_gravity_{point}" for point in OWN]
+        kept = [k for k, name in enumerate(names) if name in after.free]
+        there = [names[k] for k in kept]
         if not there:
             continue
-        coefficients = np.hstack([np.eye(2), _as_waves(robot, joint)[0][1:]])
-        coefficients = coefficients[:, [(*waves, *weights).index(name) for name in there]]
-        index = [list(after.free).index(name) for name in there]
-        described = {p.name: p.nominal for p in robot.described}
-        values = np.array([described[name] for name in there])
-        total = coefficients @ (values + after.x[calibration.model.parameters.indices(there)])
-        covariance = coefficients @ after.posterior.covariance[np.ix_(index, index)] @ coefficients.T
-        found = {key: value or 0.0 for key, value in _wave(float(total[0]), float(total[1]), covariance).items()}
+        coefficients = np.hstack([np.eye(2), weights])[:, kept]
+        index = [after.free.index(name) for name in there]
+        errors = after.x[calibration.model.parameters.indices(there)]
+        total = coefficients @ (errors + [nominal[name] for name in there])
+        found = _wave(total, coefficients @ after.posterior.covariance[np.ix_(index, index)] @ coefficients.T)
         out.append(
             SharedFinding(
                 joint,
                 robot.joints[joint - 1].name,
-                found["amplitude"],
-                found["amplitude_sigma"],
-                found.get("phase", 0.0),
-                found.get("phase_sigma", np.pi),
+                found["amplitude"] or 0.0,
+                found["amplitude_sigma"] or 0.0,
+                found.get("phase") or 0.0,
+                found.get("phase_sigma") or np.pi,
             )
         )
     return tuple(out)
 
 
-def _turns_alike(robot: Robot) -> tuple[int, ...]:
-    """Joints at which a first harmonic and the gravity moment of the own link are one and the same at every pose."""
-    turning = [i for i, joint in enumerate(robot.joints, start=1) if joint.revolute]
-    found = [(i, *_as_waves(robot, i)) for i in turning]
-    return tuple(i for i, waves, left in found if left < _SAME and np.abs(waves[1:]).max() > _SOME)
-
-
-def _as_waves(robot: Robot, joint: int) -> tuple[Array, float]:
-    """The moments of the own link as a constant, sine and cosine of the reading, shape (3, 2), and what is left."""
-    own = replace(robot, terms=(Gravity(joint, True, points=tuple(OWN)),))
+def _as_waves(robot: Robot) -> dict[int, Array]:
+    """The moments of a joint's own link as sine and cosine of its reading, beside a constant, shape (2, 2), of joints
+    where they are these and nothing else at every pose."""
+    weights = tuple(Gravity(i, True, points=tuple(OWN)) for i, j in enumerate(robot.joints, start=1) if j.revolute)
     q = np.random.default_rng(0).uniform(*robot.ranges, (_SAMPLES, robot.dof))
-    (columns,) = batch_function(kinematics.bases(own), evaluations=0)(q)
-    turn = q[:, joint - 1]
-    return _explained(np.column_stack([np.ones(_SAMPLES), np.sin(turn), np.cos(turn)]), columns)
-
-
-def _explained(waves: Array, columns: Array) -> tuple[Array, float]:
-    """Columns as sums of a constant, sine and cosine of the joint, shape (3, k), and the largest rms that is left."""
-    coefficients, *_ = np.linalg.lstsq(waves, columns, rcond=None)
-    left = columns - waves @ coefficients
-    return np.asarray(coefficients), float(np.sqrt(np.mean(left**2, axis=0)).max())
+    out = {}
+    for term, moments in zip(weights, motions(replace(robot, terms=weights), q), strict=True):
+        turn = q[:, term.joint - 1]
+        waves = np.column_stack([np.ones(_SAMPLES), np.sin(turn), np.cos(turn)])
+        coefficients = np.linalg.lstsq(waves, moments, rcond=None)[0]
+        left = np.sqrt(np.mean((moments - waves @ coefficients) ** 2, axis=0)).max()
+        if left < _SAME and np.abs(coefficients[1:]).max() > _SOME:
+            out[term.joint] = np.asarray(coefficients[1:])
+    return out

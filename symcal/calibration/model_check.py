@@ -24,8 +24,7 @@ from symcal.fit.estimation import Fit, Options, variance_model
 from symcal.fit.pose_rows import PoseRows, pose_rows
 from symcal.fit.residual_rows import rows_of
 from symcal.fit.score import Score, score_of
-from symcal.fit.variances import VarianceModel, Variances
-from symcal.fit.whitened import LINKS
+from symcal.fit.variances import VarianceModel
 from symcal.model.measurement import Group
 from symcal.placing.placement import stated
 
@@ -108,11 +107,10 @@ def model_check(calibration: Calibration, data: Dataset, options: Options) -> Mo
     unplaced = calibration.before.unplaced
     rows = rows_of(model.measurement, train, calibration.setup, model.residuals, set(unplaced) - set(after.free))
     at = stated(model, calibration.setup)
-    variances = Variances(after.sigmas, {LINKS: after.factor, **after.factors}, after.weights)
     system = variance_model(rows, after.free, options, prior_mean=at)
-    own = pose_rows(system.system.rows, after.x, system.spread(variances))
+    own = pose_rows(system.system.rows, after.x, system.spread(after.variances))
     joints = joint_rows(model.robot, model.parameters.names, own)
-    score = _score(system, own, variances, after, joints)
+    score = _score(system, own, after, joints)
     groups = model.measurement.groups
     steps = np.where([joint.revolute for joint in model.robot.joints], 1.0, 1e-3)
     check = ModelCheck(
@@ -132,9 +130,9 @@ def model_check(calibration: Calibration, data: Dataset, options: Options) -> Mo
     return replace(check, tests=tests, causes=causes, along=search.along(own.r), explained=explained)
 
 
-def _score(system: VarianceModel, own: PoseRows, variances: Variances, after: Fit, joints: Array) -> Score | None:
+def _score(system: VarianceModel, own: PoseRows, after: Fit, joints: Array) -> Score | None:
     whole = system.system
-    known = whole.known_rows(after.x, variances.factors)
+    known = whole.known_rows(after.x, after.every_factor)
     return score_of(own, own.jacobian[:, whole.index] * whole.scales, known, joints)
 
 

@@ -11,6 +11,7 @@ from symcal.calibration.lack_of_fit import LackOfFit
 from symcal.calibration.model_check import LEVEL, Found, ModelCheck
 from symcal.calibration.patterns import Kind
 from symcal.joints.backlash import direction_name
+from symcal.units import in_mrad
 from symcal.words import listed, number
 
 _REFERENCE = "measure a reference posture now and then"
@@ -25,7 +26,6 @@ _KINDS: dict[Kind, str] = {
     "neighbours": "the measurement before",
     "reach": "the reach",
 }
-_SHOWN: dict[str, tuple[str, float]] = {"rad": ("mrad", 1e3), "mm": ("mm", 1.0), "px": ("px", 1.0)}
 
 
 def model_sentence(check: ModelCheck, tried: Sequence[str] = ()) -> str:
@@ -82,7 +82,7 @@ def _measure(cause: Found, *amounts: str) -> str:
 
 
 def _share(cause: Found) -> str:
-    unit, factor = _SHOWN[cause.of_unit]
+    unit, factor = in_mrad(cause.of_unit)
     return f"{number((cause.rms or 0.0) * factor, 2)} of the {number((cause.of or 0.0) * factor, 2)} {unit} rms"
 
 
@@ -91,7 +91,7 @@ def _p(value: float) -> str:
 
 
 def _size(cause: Found) -> str:
-    unit, factor = _SHOWN[cause.unit]
+    unit, factor = in_mrad(cause.unit)
     own = f"{number((cause.amplitude or 0.0) * factor, 2)} {unit}"
     if cause.unit != "rad" or cause.at_tool is None:
         return own
@@ -143,7 +143,7 @@ def _directions(causes: Sequence[Found]) -> _Said:
 
 
 def _drifts(causes: Sequence[Found]) -> _Said:
-    unit, factor = _SHOWN[causes[0].unit]
+    unit, factor = in_mrad(causes[0].unit)
     size = f"{number((causes[0].amplitude or 0.0) * factor, 2)} {unit} over the run"
     what = f"follow the order of the measurements {_measure(causes[0], size)}"
     return _Said(what, f"the instrument, the target or the base moved; {_REFERENCE}")

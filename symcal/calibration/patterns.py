@@ -8,15 +8,15 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal import kinematics
 from symcal.calibration.candidates import gravity_terms
+from symcal.data.conditions import directions_from_order
 from symcal.data.dataset import Dataset
 from symcal.fit.pose_rows import PoseRows
 from symcal.joints import Term
 from symcal.joints.backlash import Backlash, direction_name
 from symcal.joints.harmonics import Harmonics
 from symcal.joints.ratio import Ratio
-from symcal.kernels import batch_function
+from symcal.kinematics import motions
 from symcal.parameters import zero_name
 from symcal.robot.robot import Robot
 
@@ -76,26 +76,19 @@ def joint_patterns(robot: Robot, data: Dataset, order: Dataset, rows: PoseRows, 
     own = robot.term_parameters
     terms = [(kind, term) for kind, term in terms if not any(p.name in own for p in term.parameters)]
     wanted = replace(robot, terms=tuple(term for _, term in terms))
-    (values,) = batch_function(kinematics.bases(wanted), evaluations=0)(data.q)
-    found, first = [], 0
-    for kind, term in terms:
-        motion = values[:, first : first + len(term.numbers)].reshape(len(data), -1)
-        first += len(term.numbers)
+    found = []
+    for (kind, term), motion in zip(terms, motions(wanted, data.q), strict=True):
         k = term.k[0] if isinstance(term, Harmonics) else 0
         found.append(_of_joint(kind, term.joint, robot, rows, joints, motion, k))
+    came = directions_from_order(order, robot).conditions
+    training = [split == "train" for split in order.split]
     for i, turns in every:
         if not any(p.name in own for p in Backlash(i, turns).parameters):
             stated = direction_name(i) in data.conditions
-            motion = data.conditions[direction_name(i)] if stated else _directions(order, i)
+            motion = came[direction_name(i)][training]
             each = _of_joint("approach", i, robot, rows, joints, -motion[:, None])
             found.append(replace(each, stated=stated))
     return [pattern for pattern in found if pattern.columns.any()]
-
-
-def _directions(order: Dataset, joint: int) -> Array:
-    """Signs of the differences to the reading before, of the training poses; 0 for the first."""
-    sign = np.sign(np.diff(order.q[:, joint - 1], prepend=order.q[:1, joint - 1]))
-    return np.asarray(sign[[split == "train" for split in order.split]])
 
 
 def _of_joint(

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.kernels.batch import batch_function
-from symcal.kinematics import bases
+from symcal.kinematics import motions
 from symcal.parameters import zero_name
 from symcal.robot.robot import Robot
 
@@ -46,10 +45,7 @@ def joint_caps(robot: Robot, caps: tuple[float, float] = CAPS) -> Array:
 def moved_by_terms(robot: Robot, values: Mapping[str, float], q: Array) -> Array:
     """By how much joint terms with these numbers, by parameter name, move each joint at readings (N, dof), nominal
     conditions; shape (N, dof), rad or mm."""
-    found = batch_function(bases(robot), evaluations=len(q))(q)[0].reshape(len(q), -1)
-    moved, first = np.zeros(q.shape), 0
-    for term in robot.terms:
-        names = [p.name for p in term.parameters]
-        moved[:, term.joint - 1] += found[:, first : first + len(names)] @ [values.get(name, 0.0) for name in names]
-        first += len(names)
+    moved = np.zeros(q.shape)
+    for term, own in zip(robot.terms, motions(robot, q), strict=True):
+        moved[:, term.joint - 1] += own @ [values.get(p.name, 0.0) for p in term.parameters]
     return moved

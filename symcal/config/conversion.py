@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -39,7 +38,7 @@ from symcal.model.task import Task
 from symcal.parameters import check_size
 from symcal.robot.robot import Robot
 from symcal.solvers.least_squares import Tolerances
-from symcal.units import unit_factor
+from symcal.words import is_term_number
 
 Array = NDArray[np.float64]
 
@@ -236,10 +235,10 @@ def truth_of(
     errors = {}
     for name, unit in units.items():
         sigma = {"rad": data.truth.sigma_angle, "mm": data.truth.sigma_length}.get(unit)
-        if sigma and not re.match(r"q[0-9]+_", name):  # numbers of cameras are neither, and joint terms no links
+        if sigma and not is_term_number(name):  # numbers of cameras are neither, and joint terms no links
             errors[name] = float(rng.normal()) * sigma * own.factor(unit)
     for name, value in data.truth.errors.items():
         if name not in units:
             raise document.error("no such parameter", ("data", "truth", "errors", name), found=name, allowed=units)
-        errors[name] = value * unit_factor(units[name], own.factor("mm"), own.factor("rad"))
+        errors[name] = value * own.factor(units[name])
     return errors

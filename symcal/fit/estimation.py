@@ -114,6 +114,11 @@ class Fit:
         return {LINKS: self.factor, **self.factors}
 
     @property
+    def variances(self) -> Variances:
+        """All variances as they were found."""
+        return Variances(dict(self.sigmas), self.every_factor, self.weights)
+
+    @property
     def iterations(self) -> int:
         return len(self.path) - 1
 

@@ -13,7 +13,7 @@ freedom in the other half ([SelfLiang1987]), which says how much is enough.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,9 +54,17 @@ class Groups:
     names: list[str]
     blocks: list[Block]
     fixed: Array
+    # What `without` has found; filled on first use, never changed after.
+    _found: dict[frozenset[str], Components] = field(default_factory=dict, compare=False, repr=False)
 
     def without(self, groups: Sequence[str]) -> Components:
         """The model of largest marginal likelihood where the factors of these groups are nothing."""
+        key = frozenset(groups)
+        if key not in self._found:
+            self._found[key] = self._most_likely(groups)
+        return self._found[key]
+
+    def _most_likely(self, groups: Sequence[str]) -> Components:
         nothing = 2 * np.log(NOTHING)
         held = {size_name(group) for group in groups}
         blocks = [

@@ -25,7 +25,6 @@ from symcal.fit.groups import enough
 from symcal.fit.residual_rows import Linear, Rows
 from symcal.fit.variance_components import most_likely
 from symcal.fit.variances import Variances
-from symcal.fit.whitened import LINKS
 from symcal.joints.remainder import Kernel
 
 Array = NDArray[np.float64]
@@ -66,11 +65,6 @@ class Physics:
         """The kernel of length scales sqrt(2)^e, by joint."""
         sizes = 2.0 ** (np.array(exponents) / 2)
         return Kernel(self.revolute, np.where(self.revolute, sizes, sizes * self.ranges / _TRAVEL))
-
-    @property
-    def variances(self) -> Variances:
-        fit = self.fit
-        return Variances(dict(fit.sigmas), {LINKS: fit.factor, **fit.factors}, fit.weights)
 
     def linearised(self, poses: Poses, last: Variances, values: Array | None = None) -> Linearised:
         """The model of some poses at its most likely variances, started from the last ones.
@@ -169,7 +163,7 @@ class Candidate:
 
 def best_candidate(physics: Physics, poses: Poses) -> Candidate:
     """The length scales of largest marginal likelihood of some poses: all together first, wrist and arm, then each."""
-    plain = physics.linearised(poses, physics.variances)
+    plain = physics.linearised(poses, physics.fit.variances)
     tried: dict[tuple[int, ...], Candidate] = {}
 
     def candidate(exponents: tuple[int, ...]) -> Candidate:
@@ -199,7 +193,7 @@ def _directions(dof: int) -> list[tuple[int, ...]]:
 def candidate_of(physics: Physics, kernel: Kernel) -> Candidate:
     """What a kernel brings."""
     every = np.arange(len(physics.r))
-    return _candidate(physics, kernel, every, physics.linearised(every, physics.variances))
+    return _candidate(physics, kernel, every, physics.linearised(every, physics.fit.variances))
 
 
 def _candidate(physics: Physics, kernel: Kernel, poses: Poses, plain: Linearised) -> Candidate:

@@ -36,6 +36,11 @@ def later(joint: int) -> str:
     return f"q{joint}"
 
 
+def points_of(joint: int, revolute: bool, dof: int) -> tuple[str, ...]:
+    """Where the weights of a joint may stand; along a prismatic one they all weigh the same."""
+    return (*(OWN if revolute else ("x",)), *(later(j) for j in range(joint + 1, dof + 1)), FLANGE)
+
+
 @dataclass(frozen=True)
 class Gravity(Term):
     """points: where the weights are: `x`, `y`, `q<joint>`, `flange`."""

@@ -27,3 +27,4 @@ from symcal.kinematics.screws import omegas as omegas
 from symcal.kinematics.screws import pose_of as pose_of
 from symcal.kinematics.screws import stack as stack
 from symcal.kinematics.terms import bases as bases
+from symcal.kinematics.terms import motions as motions

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 
 from symcal.joints.arm import Arm
+from symcal.kernels import batch_function
 from symcal.kinematics.functions import function
 from symcal.kinematics.walk import Moves, Walk, reading_name, walk_link
 from symcal.robot.robot import Robot
 
 SX = ca.SX
+Array = NDArray[np.float64]
 
 
 def moves_of(robot: Robot, q: SX, x: SX, error: dict[str, SX], conditions: SX) -> Moves:
@@ -42,6 +46,13 @@ def bases(robot: Robot) -> ca.Function:
     arm = arm_of(robot, q, {}, SX(0, 1))
     found = [slope for term in robot.terms for slope in term.basis(arm).values()]
     return function("bases", {"q": q}, {"b": ca.vertcat(*found)})
+
+
+def motions(robot: Robot, q: Array) -> tuple[Array, ...]:
+    """`bases` at readings (N, dof), term by term: shape (N, numbers of the term) each."""
+    (found,) = batch_function(bases(robot), evaluations=0)(q)
+    ends = np.cumsum([len(term.numbers) for term in robot.terms])
+    return tuple(np.split(found.reshape(len(q), -1), ends[:-1], axis=1))
 
 
 def arm_of(robot: Robot, q: SX, error: dict[str, SX], conditions: SX) -> Arm:

@@ -26,13 +26,13 @@ from symcal.plots.style import (
     sheet,
 )
 from symcal.robot.robot import Robot
+from symcal.units import in_mrad
 from symcal.words import listed, number, plural
 
 Array = NDArray[np.float64]
 
 _COLUMNS = 3
 _SHARE, _FEWEST = 8, 5  # of the poses, and poses, that a running mean is taken over
-_UNITS = {"mm": ("mm", 1.0), "px": ("px", 1.0), "rad": ("mrad", 1e3)}
 
 
 def residuals_by_joint(check: ModelCheck, robot: Robot) -> Illustration | None:
@@ -40,7 +40,7 @@ def residuals_by_joint(check: ModelCheck, robot: Robot) -> Illustration | None:
     joints = [i for i in range(check.along.shape[1]) if np.isfinite(check.along[:, i]).sum() > _FEWEST]
     if not joints:
         return None
-    unit, factor = _UNITS[check.unit]
+    unit, factor = in_mrad(check.unit)
     rows = -(-len(joints) // _COLUMNS)
     along = check.along * factor
     limit = 1.08 * float(np.nanmax(np.abs(along[:, joints]))) or 1.0

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from symcal.units import in_mrad
 from symcal.words import fixed, listed, number, plural
 
 Facts = Mapping[str, Any]
@@ -129,11 +130,11 @@ def _shared(found: Facts) -> str:
 
 
 def _spread(value: float, sigma: float, unit: str) -> str:
-    shown, factor = ("mrad", 1e3) if unit == "rad" else (unit, 1.0)
+    shown, factor = in_mrad(unit)
     decimals = max(1 - math.floor(math.log10(max(sigma * factor, 1e-9))), 0)
     return f"{fixed(value * factor, decimals)} ± {fixed(sigma * factor, decimals)} {shown}"
 
 
 def _angle(value: float, unit: str) -> str:
-    shown, factor = ("mrad", 1e3) if unit == "rad" else (unit, 1.0)
+    shown, factor = in_mrad(unit)
     return f"{number(value * factor, 2)} {shown}"

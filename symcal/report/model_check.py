@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from symcal.units import in_mrad
 from symcal.words import fixed, number, plural
 
 _SHOWN = 8  # tests that are printed
-_UNITS: dict[str, tuple[str, float]] = {"rad": ("mrad", 1e3), "mm": ("mm", 1.0), "px": ("px", 1.0)}
 
 
 def model_check_text(found: Mapping[str, Any] | None) -> dict[str, Any] | None:
@@ -51,7 +51,7 @@ def _row(test: Mapping[str, Any]) -> list[str]:
 def _size(test: Mapping[str, Any]) -> str:
     if test["correlation"] is not None:
         return f"correlation {fixed(test['correlation'], 2)}"
-    unit, factor = _UNITS[test["unit"]]
+    unit, factor = in_mrad(test["unit"])
     own = f"{number(test['amplitude'] * factor, 2)} {unit}"
     return own if test["at_tool"] is None or unit != "mrad" else f"{own}, {number(test['at_tool'], 2)} mm at the tool"
 
@@ -59,7 +59,7 @@ def _size(test: Mapping[str, Any]) -> str:
 def _rms(test: Mapping[str, Any]) -> str:
     if test["rms"] is None:
         return "–"
-    unit, factor = _UNITS[test["of_unit"]]
+    unit, factor = in_mrad(test["of_unit"])
     return f"{number(test['rms'] * factor, 2)} of {number(test['of'] * factor, 2)} {unit}"
 
 

@@ -21,6 +21,7 @@ from symcal.documents.document import Document, Key, Strict, read_document, vali
 from symcal.parameters import link_name
 from symcal.robot.terms import Physics, PhysicsEntries
 from symcal.units import ANGLE, LENGTH, AngleUnit, LengthUnit
+from symcal.words import is_term_number
 
 Array = NDArray[np.float64]
 Convention = Literal["standard", "craig"]
@@ -197,7 +198,7 @@ def _check_angles(document: Document, file: RobotFile) -> None:
 
 def _check_calibration(document: Document, calibration: CalibrationEntry, parameters: list[str]) -> None:
     for name in calibration.errors:
-        of_robot = name.rpartition("_")[0] in LINK_PARAMETERS or re.match(r"q[0-9]+_", name)
+        of_robot = name.rpartition("_")[0] in LINK_PARAMETERS or is_term_number(name)
         if of_robot and name not in parameters:
             key: Key = ("calibration", "errors", name)
             raise document.error("no such parameter", key, found=name, allowed=parameters)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -13,7 +13,7 @@ from pydantic_core import PydanticCustomError
 from symcal.documents.document import Document, Key, Strict
 from symcal.joints import TERMS, Term
 from symcal.joints.arm import Mass, Payload
-from symcal.joints.gravity import FLANGE, OWN, later
+from symcal.joints.gravity import FLANGE, points_of
 from symcal.joints.remainder import Remainder
 from symcal.robot.remainder import RemainderEntry, remainder_entry
 from symcal.units import unit_factor
@@ -166,7 +166,7 @@ def _term(
             raise document.error("a joint does not drive itself along", (*key, "by"), found=entry.by)
         own = {"by": by, "by_revolute": joints[by - 1][1]}
     elif entry.term == "gravity":
-        allowed = (*(OWN if revolute else ("x",)), *(later(j) for j in range(joint + 1, len(joints) + 1)), FLANGE)
+        allowed = points_of(joint, revolute, len(joints))
         for point in entry.points:
             if point not in allowed or entry.points.count(point) > 1:
                 message = "a weight stands at a point that the joint carries, once"
@@ -177,7 +177,7 @@ def _term(
         if label not in term.labels:
             raise document.error("this term has no such number", (*key, "values"), found=label, allowed=term.labels)
     values = {label: v * unit_factor(term.unit(label), length, angle) for label, v in entry.values.items()}
-    return type(term)(joint=joint, revolute=revolute, values=values, **own)
+    return replace(term, values=values)
 
 
 def _joint(document: Document, key: Key, name: str, names: Sequence[str]) -> int:

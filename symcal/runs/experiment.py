@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.calibration import results
-from symcal.calibration.calibrate import Calibration, baseline_model, calibrate
+from symcal.calibration.calibrate import Calibration, baseline_model
 from symcal.calibration.claims import claim, extrapolation, worse
 from symcal.calibration.compare import compare, cross_validate
 from symcal.calibration.compensation_check import POSES, Handover, hand_over
@@ -149,8 +149,6 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
 def _calibrated(experiment: Experiment, measured: Dataset) -> Calibration:
     """The identification, beyond geometry where that is asked for."""
     model, groups = experiment.model, experiment.file.identification.groups
-    if not groups:
-        return calibrate(model, baseline_model(model), measured, experiment.options)
     try:
         return calibrate_extended(model, baseline_model(model), measured, experiment.options, groups)
     except InputError as error:

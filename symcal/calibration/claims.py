@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,38 +20,111 @@ _OPTIMISM = 1.5  # unseen over training rms; with many poses the ratio is near o
 _NO_BETTER = 0.02  # relative gain that is none
 _UNLIKE = 1e-3  # probability that poses of the same kind are called others
 _BEYOND = 0.1  # of the training range of a joint
+MOST_OUTSIDE = 0.2
+"""Share of postures beyond the training poses from which on a robot is used where it was not measured. Of postures like
+the N training poses one in N + 1 lies beyond all of them."""
 
 
-def claim(errors: Mapping[str, Mapping[str, Errors]]) -> tuple[str, ...]:
-    """Reasons why no accuracy should be claimed; empty when the data support one.
+@dataclass(frozen=True, slots=True)
+class Gain:
+    """How much better a calibrated robot is than the nominal one with fitted frames, at poses it was not made from.
 
-    The test split decides, else the cross-validation. The gain is judged pose by pose: the mean of the paired
-    difference of squared errors, before minus after, against its standard error.
+    Judged pose by pose: the mean of the paired difference of squared errors, before minus after, against its standard
+    error. This is the one place of it.
+
+    part: what judged. before, after: rms, in ``unit`` (mm or deg). mean, error: of the paired difference, unit squared.
+    """
+
+    part: str
+    before: float
+    after: float
+    unit: str
+    mean: float
+    error: float
+
+    @staticmethod
+    def of(errors: Mapping[str, Mapping[str, Errors]], aside: Collection[int] = ()) -> Gain | None:
+        """By the test split, else by cross-validation, else by poses left out in turn; None where there is none of it.
+
+        Args:
+            errors: by data (`train`, `test`, `cross_validation`, `left_out`) and state (`before`, `after`). aside:
+                numbers of test poses that are gross slips: they would hide any gain.
+        """
+        name = next((n for n in ("test", "cross_validation", "left_out") if "after" in errors.get(n, {})), None)
+        if name is None or "before" not in errors[name]:
+            return None
+        before, after = (
+            _without(errors[name][state], aside if name == "test" else ()) for state in ("before", "after")
+        )
+        if not after.pose.size:
+            return None
+        gain = _per_pose(before) - _per_pose(after)
+        error = float(gain.std(ddof=1) / np.sqrt(len(gain))) if len(gain) > 1 else np.inf
+        return Gain(name, before.statistics.rms, after.statistics.rms, after.unit, float(gain.mean()), error)
+
+    @property
+    def beyond_chance(self) -> bool:
+        """Whether the gain is more than two of its standard errors."""
+        return self.mean > _SIGNIFICANT * self.error
+
+    @property
+    def text(self) -> str:
+        """In a sentence without a full stop."""
+        where = where_judged(self.part)
+        if self.beyond_chance:
+            better = f", better by {self.mean / self.error:.3g} standard errors" if self.error > 0 else ""
+            return (
+                f"{where} the error is {self.after:.3g} {self.unit} rms instead of the {self.before:.3g} {self.unit} "
+                f"of the nominal robot with fitted frames{better}"
+            )
+        verdict = "no better" if self.after >= self.before else "better by no more than chance"
+        return (
+            f"{where} the calibrated robot ({self.after:.3g} {self.unit} rms) is {verdict} than the nominal one with "
+            f"fitted frames ({self.before:.3g} {self.unit}): the data do not support an accuracy claim"
+        )
+
+
+def where_judged(part: str) -> str:
+    """`on the test poses`."""
+    return {
+        "test": "on the test poses",
+        "cross_validation": "in cross-validation",
+        "left_out": "on poses left out in turn",
+    }[part]
+
+
+def optimism(errors: Mapping[str, Mapping[str, Errors]]) -> tuple[str, ...]:
+    """That errors on training poses are much smaller than on those that judge.
 
     Args:
-        errors: by data (`train`, `test`, `cross_validation`) and state (`before`, `after`).
+        errors: by data and state.
     """
     name = "test" if "test" in errors else "cross_validation"
     if name not in errors:
-        return ("nothing was held out and nothing cross-validated: the data do not support an accuracy claim",)
-    where = "on the test poses" if name == "test" else "in cross-validation"
-    before, after, trained = errors[name]["before"], errors[name]["after"], errors["train"]["after"]
-    rms = {k: found.statistics.rms for k, found in (("b", before), ("a", after), ("t", trained))}
-    gain = _per_pose(before) - _per_pose(after)
-    error = float(gain.std(ddof=1) / np.sqrt(len(gain))) if len(gain) > 1 else np.inf
-    found = []
-    if gain.mean() <= _SIGNIFICANT * error:
-        verdict = "no better" if rms["a"] >= rms["b"] else "better by no more than chance"
-        found.append(
-            f"{where} the calibrated robot ({rms['a']:.3g} {after.unit} rms) is {verdict} than the nominal one with "
-            f"fitted frames ({rms['b']:.3g} {after.unit}): the data do not support an accuracy claim"
-        )
-    if rms["a"] > _OPTIMISM * rms["t"]:
-        found.append(
-            f"{where} the error ({rms['a']:.3g} {after.unit} rms) is {rms['a'] / rms['t']:.2g} times that on the "
-            f"training poses ({rms['t']:.3g} {after.unit}): more poses would help"
-        )
-    return tuple(found)
+        return ()
+    after, trained = errors[name]["after"], errors["train"]["after"]
+    judged, own = after.statistics.rms, trained.statistics.rms
+    if judged <= _OPTIMISM * own:
+        return ()
+    return (
+        f"{where_judged(name)} the error ({judged:.3g} {after.unit} rms) is {judged / own:.2g} times that on the "
+        f"training poses ({own:.3g} {after.unit}): more poses would help",
+    )
+
+
+def _without(errors: Errors, poses: Collection[int]) -> Errors:
+    """The errors at other poses."""
+    if not poses:
+        return errors
+    kept = ~np.isin(errors.pose, list(poses))
+    turns = errors.rotations
+    return replace(
+        errors,
+        vectors=errors.vectors[kept],
+        pose=errors.pose[kept],
+        point=errors.point[kept],
+        rotations=None if turns is None else turns[kept],
+    )
 
 
 def _per_pose(errors: Errors) -> Array:
@@ -92,6 +166,40 @@ def extrapolation(data: Dataset) -> tuple[str, ...]:
         f"{np.median(others):.2g} standard deviations away in the middle, against {np.median(own):.2g} among the "
         "training poses): there the calibration is an extrapolation",
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Outside:
+    """share: of postures, ``of`` (`the working area`), that lie beyond the training poses."""
+
+    share: float
+    of: str
+
+
+def outside(train: Array, postures: Array, of: str) -> Outside | None:
+    """How many postures lie beyond the training poses; None where these are too few to tell.
+
+    A posture does whose leverage on the training poses, h = 1 / n + (q - m)^T S^-1 (q - m), is larger than that of any
+    training pose on the others ([Cook1982] sec. 2.2): that also shows new combinations of joints within the old ranges,
+    and a box whose corners were measured holds its inside. One does too that has a joint beyond its range in training
+    by a tenth of it.
+
+    Args:
+        train, postures: joint readings, shapes (N, dof) and (M, dof), rad and mm.
+    """
+    count, dof = train.shape
+    if count <= dof + 2 or len(postures) == 0:
+        return None
+    low, high = train.min(axis=0), train.max(axis=0)
+    slack = _BEYOND * (high - low) + 1e-9 * (1 + np.abs(high))
+    beyond = ((postures < low - slack) | (postures > high + slack)).any(axis=1)
+    span, middle = np.where(high > low, high - low, 1.0), train.mean(axis=0)
+    _, s, vt = np.linalg.svd((train - middle) / span, full_matrices=False)
+    moved = s > 1e-9 * s[0]
+    axes = vt[moved].T / s[moved]
+    own, asked = (1 / count + np.sum(((q - middle) / span @ axes) ** 2, axis=1) for q in (train, postures))
+    most = float((own / np.maximum(1 - own, 1e-12)).max())
+    return Outside(float(np.mean(beyond | (asked > most))), of)
 
 
 def worse(instruments: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:

@@ -182,6 +182,17 @@ def expected_position_rms(model: Model, result: Fit, q: Array) -> Array:
     The noise of the measurement that it would be compared with is not in it. Where only the instruments say where the
     world is, it is the error after one rigid alignment of all poses.
     """
+    jacobian, own = position_slopes(model, result, q)
+    rms = result.posterior.predicted_rms(jacobian)
+    return np.asarray(np.sqrt(rms**2 / (jacobian.shape[1] // 3) + own))
+
+
+def position_slopes(model: Model, result: Fit, q: Array) -> tuple[Array, Array]:
+    """How positions of the k points of the tool depend on the free parameters, shape (N, 3 k, n), mm per unit; and what
+    a smooth remainder leaves unknown beside them, shape (N,), mm^2 for three axes.
+
+    Where only the instruments say where the world is, without what one rigid motion of all poses does.
+    """
     index = model.parameters.indices(result.free)
     at, jacobian = model.points(q, result.x, result.setup.vector)
     jacobian, own = jacobian[:, :, index], np.zeros(len(q))
@@ -190,8 +201,7 @@ def expected_position_rms(model: Model, result: Fit, q: Array) -> Array:
         jacobian, own = result.remainder.corrected(q, jacobian, base), 3 * result.remainder.variance(q)
     if model.measurement.adrift:  # only the instruments say where the world is
         jacobian = without_rigid_motion(at.reshape(-1, 3), jacobian)
-    rms = result.posterior.predicted_rms(jacobian)
-    return np.asarray(np.sqrt(rms**2 / (jacobian.shape[1] // 3) + own))
+    return jacobian, own
 
 
 def without_rigid_motion(points: Array, jacobian: Array) -> Array:

@@ -23,6 +23,7 @@ from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Fit, Options, variance_model
 from symcal.fit.groups import Groups, groups_at
+from symcal.fit.held_out import folds_of
 from symcal.fit.residual_rows import rows_of
 from symcal.joints import Term
 from symcal.joints.backlash import direction_name
@@ -65,7 +66,7 @@ def calibrate_extended(
         return replace(alone, notes=(*alone.notes, said))
     train = data.part("train")
     at = _groups_of(full, train, found.after, options)
-    chosen, folds = options.shrinking, _folds(at)
+    chosen, folds = options.shrinking, folds_of(at.model, FOLDS)
 
     @cache
     def held_out(gone: frozenset[str]) -> Array:
@@ -171,20 +172,6 @@ def _groups_of(model: Model, train: Dataset, after: Fit, options: Options) -> Gr
     one = replace(options, loss=after.loss)  # `auto` has chosen
     system = variance_model(rows, after.free, one, prior_mean=stated(model, after.setup))
     return groups_at(system, after.x, after.variances)
-
-
-def _folds(at: Groups) -> list[NDArray[np.intp]]:
-    """Poses that are held out together: those that touch one unknown place, where there are several, since the place is
-    fitted to them and hides what they have in common; else random ones."""
-    rows = at.model.system.rows
-    parts = [part for part in rows.measurement.parts if part.observation.instrument.constrains]
-    places = [np.flatnonzero(rows.seen[:, part.components].any(axis=1)) for part in parts]
-    places = [poses for poses in places if poses.size]
-    if len(places) > 1 and len(parts) == len(rows.measurement.parts):
-        return places
-    count = len(rows.data)
-    order = np.random.default_rng(0).permutation(count)
-    return [np.sort(order[i::FOLDS]) for i in range(min(FOLDS, count))]
 
 
 def _compared(

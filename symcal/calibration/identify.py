@@ -7,7 +7,8 @@ from dataclasses import replace
 from typing import Literal
 
 from symcal.calibration.calibrate import Calibration, baseline_model
-from symcal.calibration.extend import calibrate_extended, with_directions
+from symcal.calibration.extend import calibrate_extended, shrinking, with_directions
+from symcal.calibration.judgement import decide_alone, with_decision
 from symcal.data.dataset import Dataset, merged
 from symcal.data.measurement_file import load_measurements
 from symcal.errors import InputError
@@ -29,6 +30,9 @@ def identify(
     extend: str | Sequence[str] = (),
 ) -> Calibration:
     """Calibrate a robot from measurements; only poses of the `train` split are used.
+
+    Whether the calibration is worth anything is decided by these poses too, left out in turn of the linearised fit
+    (`symcal.calibration.left_out`); the decision goes with the robot and its file, and to every export.
 
     Args:
         data: measurements and the task that they belong to, or observations with their ``data``. base, tool: whether
@@ -55,7 +59,8 @@ def identify(
     options = replace(options, sigma=sigma)
     groups = (extend,) if isinstance(extend, str) else tuple(extend)
     data = with_directions(data, robot, groups)
-    return calibrate_extended(model, baseline_model(model), data, options, groups)
+    found = calibrate_extended(model, baseline_model(model), data, options, groups)
+    return with_decision(found, decide_alone(found, data, shrinking(found, options)))
 
 
 def _gathered(robot: Robot, observations: Sequence[Observation]) -> Dataset:

@@ -60,7 +60,7 @@ def export(
     calibrated: Calibrated,
     to: Annotated[str, typer.Option("--to", metavar="c|urdf|json", help="what to write")],
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="folder to write into")] = Path(),
-    force: Annotated[bool, typer.Option("--force", help="export in spite of doubts, which are still printed")] = False,
+    force: Annotated[bool, typer.Option("--force", help="export what was refused; reasons are still printed")] = False,
     approximate: Annotated[
         bool,
         typer.Option("--approximate", help="leave out joint terms that the format cannot carry, and say what it costs"),

@@ -43,15 +43,27 @@ def validate(
     instrument: Annotated[
         str | None, typer.Option("--instrument", help="whose measurements these are, where several measured")
     ] = None,
+    tolerance: Annotated[
+        str | None, typer.Option("--tolerance", metavar="0.5mm,0.1deg", help="accept or refuse the robot against this")
+    ] = None,
+    of: Annotated[
+        str, typer.Option("--of", metavar="p95|rms|max", help="of the errors, what must be within the tolerance")
+    ] = "p95",
     quiet: Quiet = False,
 ) -> None:
-    """Judge a calibrated robot on new measurements."""
+    """Judge a calibrated robot on new measurements: accept or refuse it."""
+    from symcal.calibration.tolerance import parse_tolerance
     from symcal.runs.validate import validate_robot
 
+    against = None if tolerance is None else parse_tolerance(tolerance, of)
+    parts = tuple(refit.split(",")) if refit else ()
     with terminal.spinner(quiet) as progress:
-        content = validate_robot(calibrated, data, out, tuple(refit.split(",")) if refit else (), instrument, progress)
+        content = validate_robot(calibrated, data, out, parts, instrument, progress, against)
     if not quiet:
         terminal.print_accuracy(content)
+        terminal.print_decision(content)
+    if not content["decision"]["accepted"]:
+        raise RefusedError(f"the calibration is {content['decision']['sentence']}")
 
 
 def check(
@@ -95,7 +107,7 @@ def _identify(
             terminal.print_study(content)
         else:
             terminal.print_accuracy(content)
+        terminal.print_decision(content)
         terminal.output().print(f"written to {escape(str(folder))}")
-    found = content.get("identification", {})
-    if not found.get("converged", True):
-        raise RefusedError(f"the identification did not converge ({found['message']}): do not use what is in {folder}")
+    if not content["decision"]["accepted"]:
+        raise RefusedError(f"the calibration is {content['decision']['sentence']}. Do not use what is in {folder}")

@@ -104,7 +104,7 @@ def print_accuracy(content: Any) -> None:
     console = output()
     seen, found = content.get("identifiability"), content.get("identification")
     if seen:
-        if not found["converged"]:
+        if not found["converged"] and "decision" not in content:  # which says it
             console.print("[bold]the identification did not converge: its numbers must not be used[/bold]")
         console.print(escape(_learnt(seen, found)))
     console.print(_accuracy_table(content))
@@ -118,6 +118,15 @@ def print_accuracy(content: Any) -> None:
     console.print(f"{against}; before: nominal kinematics with {fitted_before(content)} fitted on the training data")
     for warning in content["warnings"]:
         console.print(f"[bold]warning:[/bold] {escape(warning)}")
+
+
+def print_decision(content: Any) -> None:
+    """Accepted, on what grounds, and with which cautions; what is refused ends the command with its reasons."""
+    decision, console = content["decision"], output()
+    if decision["accepted"]:
+        console.print(f"[bold]accepted[/bold]{escape(decision['sentence'].removeprefix('accepted'))}")
+    for caution in decision["cautions"]:
+        console.print(f"[bold]caution:[/bold] {escape(caution)}")
 
 
 def _accuracy_table(content: Any) -> Table:

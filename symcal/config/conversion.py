@@ -12,6 +12,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from symcal.calibration.tolerance import Tolerance
 from symcal.config.experiment import ExperimentFile as ExperimentFile
 from symcal.config.experiment import RenderedData as RenderedData
 from symcal.config.experiment import SimulatedData as SimulatedData
@@ -180,6 +181,19 @@ def options_of(file: ExperimentFile, measurement: Measurement) -> Options:
         loss=i.loss,
         sigma=measurement.stated_noise,
         scales=i.scale_factor,
+    )
+
+
+def tolerance_of(file: ExperimentFile) -> Tolerance | None:
+    """What the experiment is accepted or refused against, mm and rad; None where the file says nothing."""
+    said = file.validation.tolerance
+    if said is None:
+        return None
+    position, angle = said.position, said.orientation
+    return Tolerance(
+        None if position is None else position * file.units.factor("mm"),
+        None if angle is None else angle * file.units.factor("rad"),
+        said.of,
     )
 
 

@@ -11,6 +11,7 @@ from pydantic import AfterValidator, Field, create_model, field_validator, model
 from pydantic_core import PydanticCustomError
 
 from symcal.calibration.candidates import GROUPS, HIGHEST
+from symcal.calibration.tolerance import Of
 from symcal.config.measurements import (
     FileData,
     ImagesData,
@@ -167,10 +168,27 @@ def _not_one(folds: int) -> int:
     return folds
 
 
+class ToleranceConfig(Strict):
+    """How far the tool may be off, in the file's units; of: 95 % of the held-out errors, their rms, or the largest."""
+
+    position: Positive | None = None
+    orientation: Positive | None = None
+    of: Of = "p95"
+
+    @model_validator(mode="after")
+    def _something(self) -> ToleranceConfig:
+        if self.position is None and self.orientation is None:
+            raise PydanticCustomError("tolerance", "say how far off the tool may be: position, orientation or both")
+        return self
+
+
 class ValidationConfig(Strict):
-    """folds: of the cross-validation over training and test poses; 0 for none; 5 by default without a test split."""
+    """folds: of the cross-validation over training and test poses; 0 for none; 5 by default without a test split.
+    tolerance: what the calibration is accepted or refused against; without one it must be better than the nominal robot
+    by more than chance."""
 
     folds: Annotated[int, Field(ge=0), AfterValidator(_not_one)] | None = None
+    tolerance: ToleranceConfig | None = None
 
 
 class OutputsConfig(Strict):

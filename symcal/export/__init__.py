@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from symcal.calibration.reasons import Reason
 from symcal.errors import InputError
 from symcal.export.c import export_c
 from symcal.export.carries import LeftOut, check_carries, left_out, refuse_remainder
 from symcal.export.corrections import corrections
-from symcal.export.gate import Doubt, check_exportable, doubts
+from symcal.export.gate import check_exportable, doubts
 from symcal.export.json import robot_json, save_json
 from symcal.export.urdf import save_urdf
 from symcal.robot.robot import Robot
@@ -38,7 +39,7 @@ class Exported:
     """What an export wrote, the doubts that were overridden, and what it could not carry of the joint terms."""
 
     written: Sequence[Path]
-    doubts: Sequence[Doubt]
+    doubts: Sequence[Reason]
     left_out: LeftOut | None = None
 
 
@@ -48,8 +49,8 @@ def export_robot(robot: Robot, to: str, folder: Path, *, force: bool = False, ap
     `c`: the folder `c`; `urdf`: `robot.urdf`; `json`: `robot.json` and the table `corrections.csv`.
 
     Raises:
-        RefusedError: a fit that did not converge or corrections that are implausibly large, unless forced; joint terms
-            that the format cannot carry, unless they may be left out; a smooth remainder.
+        RefusedError: a calibration that was refused or never judged, unless forced; joint terms that the format cannot
+            carry, unless they may be left out; a smooth remainder.
         InputError: the files cannot be written.
     """
     overridden = check_exportable(robot, force)
@@ -61,11 +62,12 @@ def export_robot(robot: Robot, to: str, folder: Path, *, force: bool = False, ap
     except OSError as error:
         raise InputError(f"the folder cannot be made: {error.strerror}", file=folder) from None
     if to == "c":
-        written, left = [folder / "c"], export_c(robot, folder / "c").left_out
+        written, left = [folder / "c"], export_c(robot, folder / "c", force=True).left_out
     elif to == "urdf":
-        written, left = [folder / "robot.urdf"], save_urdf(robot, folder / "robot.urdf", approximate=approximate)
+        written = [folder / "robot.urdf"]
+        left = save_urdf(robot, written[0], approximate=approximate, force=True)
     else:
-        save_json(robot, folder / "robot.json")
+        save_json(robot, folder / "robot.json", force=True)
         corrections(robot).to_csv(folder / "corrections.csv", index=False)
         written, left = [folder / "robot.json", folder / "corrections.csv"], left_out(robot, "table")
     return Exported(written, overridden, left)

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from symcal.calibration.reasons import Reason
 from symcal.export.c import CExport, export_c
 from symcal.export.c.check import CCheck, check_c
-from symcal.export.gate import Doubt, doubts
+from symcal.export.gate import doubts
 from symcal.robot.robot import Robot
 
 
@@ -21,7 +22,7 @@ class Delivery:
         working C compiler.
     """
 
-    doubts: tuple[Doubt, ...]
+    doubts: tuple[Reason, ...]
     export: CExport | None = None
     check: CCheck | None = None
 
@@ -37,10 +38,10 @@ def deliver_c(robot: Robot, folder: Path, rng: np.random.Generator) -> Delivery:
     found = doubts(robot)
     if robot.remainder is not None:  # refused by `export_c` too, whoever forces it
         text = f"C cannot carry its smooth remainder of {len(robot.remainder.centres)} centres"
-        found = (*found, Doubt("", "remainder", text))
+        found = (*found, Reason("remainder", text))
     if found:
         return Delivery(found)
-    export = export_c(robot, folder)
+    export = export_c(robot, folder, force=True)  # nothing is left to force
     return Delivery((), export, check_c(export, robot, rng))
 
 

@@ -1,54 +1,36 @@
 """What must not reach a controller without being asked for twice.
 
-A fit always returns numbers. Two kinds of them are no corrections of a robot: those of a fit that did not converge, and
-errors far beyond what is plausible. What the data did not tell stays near nominal and does no harm. The limit is ours.
+A fit always returns numbers. Whether they are worth a controller was decided where the calibration was judged
+(`symcal.calibration.decision`), and the robot carries that decision: here it is asked for, in the same words. What the
+data did not tell stays near nominal and does no harm.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Mapping
+from typing import Any
 
-import numpy as np
-
+from symcal.calibration.decision import Decision
+from symcal.calibration.implausible import implausible
+from symcal.calibration.reasons import Reason
 from symcal.errors import RefusedError
-from symcal.parameters import Parameter
 from symcal.robot.robot import Robot
 
-IMPLAUSIBLE = 10.0
-"""Plausible scales beyond which an error of a link or joint term is taken for a mistake: 10 mm, 0.1 rad by default."""
+_NO_BETTER = 0.02  # relative gain that is none, of files whose errors are known by their rms alone
 
 
-@dataclass(frozen=True, slots=True)
-class Doubt:
-    """Why one number should not be exported, or all of them: parameter is then empty."""
-
-    parameter: str
-    reason: Literal["implausible", "unsettled", "remainder"]
-    text: str
-
-
-def doubts(robot: Robot) -> tuple[Doubt, ...]:
-    """What speaks against using a calibration on a controller; empty for a nominal robot.
-
-    Link parameters and joint terms are judged. The base says where the instrument stood, and nominal tools are often
-    rough guesses: the sizes of their errors do not count.
-    """
-    record = robot.record
-    if record is None:
+def doubts(robot: Robot) -> tuple[Reason, ...]:
+    """What speaks against using a calibration on a controller; empty for a nominal robot, and for an accepted one."""
+    if robot.record is None:
         return ()
-    found: list[Doubt] = []
-    if record.provenance.get("trouble"):
-        found.append(Doubt("", "unsettled", f"the identification did not converge: {record.provenance['trouble']}"))
-    for p in robot.described:
-        error = record.errors.get(p.name, 0.0)
-        if abs(error) > IMPLAUSIBLE * p.scale:
-            limit = f"{IMPLAUSIBLE:g} times its plausible {_text(p, p.scale)}"
-            found.append(Doubt(p.name, "implausible", f"{p.name} is off by {_text(p, error)}, more than {limit}"))
-    return tuple(found)
+    provenance = robot.record.provenance
+    decision = Decision.recalled(provenance.get("decision"))
+    found = decision.reasons if decision is not None else _of_earlier_file(provenance)
+    said = {reason.text for reason in found}
+    return (*found, *(reason for reason in implausible(robot) if reason.text not in said))
 
 
-def check_exportable(robot: Robot, force: bool = False) -> tuple[Doubt, ...]:
+def check_exportable(robot: Robot, force: bool = False) -> tuple[Reason, ...]:
     """Let a calibration pass to a controller, or refuse it by name and reason.
 
     Returns:
@@ -66,7 +48,26 @@ def check_exportable(robot: Robot, force: bool = False) -> tuple[Doubt, ...]:
     return found
 
 
-def _text(p: Parameter, value: float) -> str:
-    if p.unit == "rad":
-        return f"{np.degrees(value):.3g} deg"
-    return f"{value:.3g}" if p.unit == "1" else f"{value:.3g} {p.unit}"
+def _of_earlier_file(provenance: Mapping[str, Any]) -> tuple[Reason, ...]:
+    """The same of a file that carries no decision, by what else it carries: how the fit ended, and its errors."""
+    if provenance.get("trouble"):
+        return (Reason("unsettled", f"the identification did not converge: {provenance['trouble']}"),)
+    accuracy = provenance.get("accuracy") or {}
+    part = next((name for name in ("test", "cross_validation") if "after" in accuracy.get(name, {})), None)
+    try:
+        before, after = (_rms(accuracy[part][state]) for state in ("before", "after"))
+    except (KeyError, TypeError, StopIteration):
+        text = (
+            "it was never judged by poses that it was not made from: judge it on new measurements with 'symcal "
+            "validate', or identify it again"
+        )
+        return (Reason("unjudged", text),)
+    if after > (1 - _NO_BETTER) * before:
+        text = f"it is no better ({after:.3g} rms) than the nominal robot with fitted frames ({before:.3g})"
+        return (Reason("no_gain", text),)
+    return ()
+
+
+def _rms(quantities: Mapping[str, Any]) -> float:
+    """Of the quantity that judges."""
+    return float(next(facts["rms"] for name, facts in quantities.items() if name != "orientation_deg"))

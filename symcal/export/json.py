@@ -12,6 +12,7 @@ import pandas as pd
 from symcal.errors import InputError
 from symcal.export.carries import check_carries, left_out
 from symcal.export.corrections import corrections
+from symcal.export.gate import check_exportable
 from symcal.joints import Term
 from symcal.joints.payload import PAYLOAD
 from symcal.robot.files import frame_entry
@@ -72,12 +73,15 @@ def robot_json(robot: Robot) -> dict[str, Any]:
     }
 
 
-def save_json(robot: Robot, path: Path | str) -> None:
+def save_json(robot: Robot, path: Path | str, *, force: bool = False) -> None:
     """Write `robot_json`.
 
+    Args:
+        force: whether also a calibration that was refused or never judged (`symcal.export.gate`).
     Raises:
-        InputError: the file cannot be written. RefusedError: the robot has a remainder.
+        InputError: the file cannot be written. RefusedError: the calibration was refused; the robot has a remainder.
     """
+    check_exportable(robot, force)
     check_carries(robot, "json")
     text = json.dumps(robot_json(robot), indent=2, ensure_ascii=False, allow_nan=False, default=str)
     try:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from symcal.errors import InputError, RefusedError
 from symcal.export.carries import LeftOut, check_carries
+from symcal.export.gate import check_exportable
 from symcal.robot.conventions import placements
 from symcal.robot.robot import Joint, Robot
 
@@ -21,14 +22,19 @@ _M = 1e-3  # metres per mm
 _UNKNOWN = "1000000.0"  # URDF wants an effort and a velocity; a robot file may not know them
 
 
-def save_urdf(robot: Robot, path: Path | str, *, world: bool = False, approximate: bool = False) -> LeftOut | None:
+def save_urdf(
+    robot: Robot, path: Path | str, *, world: bool = False, approximate: bool = False, force: bool = False
+) -> LeftOut | None:
     """Write a robot with its present (calibrated) numbers as URDF; see `urdf_text`.
 
+    Args:
+        force: whether also a calibration that was refused or never judged (`symcal.export.gate`).
     Returns:
         what was left out of its joint terms, None where nothing was.
     Raises:
-        RefusedError: as `urdf_text`. InputError: the file cannot be written.
+        RefusedError: as `urdf_text`; the calibration was refused. InputError: the file cannot be written.
     """
+    check_exportable(robot, force)
     left = check_carries(robot, "urdf", approximate)
     text = _text_of(robot if left is None else left.robot, left, world)
     try:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.stats import chi2
 
+from symcal.fit.held_out import steps_without
 from symcal.fit.variance_components import Block, Components, most_likely
 from symcal.fit.variances import NOTHING, VarianceModel, Variances, size_name
 
@@ -116,25 +117,9 @@ class Groups:
         only the held-out poses tell of are fitted to these.
         """
         variances = self.variances_without(groups)
-        system = self.model.system
-        linear, spread = system.rows.at(self.x), self.model.spread(variances)
-        known = system.known_rows(self.x, variances.factors)
+        linear = self.model.system.rows.at(self.x)
         out = np.zeros_like(linear.r)
-        for fold in folds:
-            own = spread.copy()
-            own[fold] = np.inf
-            rows = system.picked(linear, own)
-            stacked = np.vstack([rows, known])
-            y = np.linalg.lstsq(stacked[:, :-1], -stacked[:, -1], rcond=None)[0]
-            loose = np.flatnonzero(system.before.nearly_free & ~rows[:, :-1].any(axis=0))
-            if loose.size:
-                own = np.full_like(spread, np.inf)
-                own[fold] = spread[fold]
-                told = system.picked(linear, own)
-                left = told[:, :-1] @ y + told[:, -1]
-                y[loose] -= np.linalg.lstsq(told[:, loose], left, rcond=None)[0]
-            step = np.zeros(len(self.x))
-            step[system.index] = system.scales * y
+        for fold, step in steps_without(self.model, self.x, variances, folds):
             out[fold] = linear.moved(step)[fold]
         return out
 

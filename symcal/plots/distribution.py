@@ -26,18 +26,21 @@ def error_distribution(
     part: str = "test",
     against: str = "noisy measurement",
     name: str = "error_distribution",
+    limit: float | None = None,
 ) -> Illustration:
     """Histogram and cumulative distribution of the norms of errors, by state.
 
     Args:
         states: errors by state, of one part of the data. part: which one (`test`, `truth`, ...), for the words.
-        name: of the figure's files.
+        name: of the figure's files. limit: the tolerance of such errors, in their unit, where there is one.
     """
     shown = [s for s in ("before_raw", *SHOWN) if s in states]
     norms = {s: np.sort(states[s].size) for s in shown}
     top = max(float(v[-1]) for v in norms.values()) or 1.0
+    top = top if limit is None else max(top, 1.05 * limit)
     wide = far_apart(norms)
     bottom = 0.8 * min(float(np.percentile(v, 2)) for v in norms.values()) if wide else 0.0
+    bottom = bottom if limit is None else min(bottom, 0.8 * limit)
     wide &= bottom > 0
     edges = np.geomspace(bottom, top, _BINS + 1) if wide else np.linspace(0, top, _BINS + 1)
     with print_settings():
@@ -67,12 +70,17 @@ def error_distribution(
         left.yaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
         for panel in (left, right):
             grid(panel)
+            if limit is not None:
+                panel.axvline(limit, color=INK, linewidth=1.0, linestyle="--")
             if wide:
                 panel.set_xscale("log")
                 logarithmic(panel.xaxis)
         legend(figure, shown, markers=False, lines=True)
     title = f"Distribution of the {'true ' if part == 'truth' else ''}error"
-    return Illustration(settle(figure), name, title, _caption({s: states[s] for s in shown}, part, against))
+    caption = _caption({s: states[s] for s in shown}, part, against)
+    if limit is not None:
+        caption += f" The dashed line is the tolerance, {number(limit)} {states['after'].unit}."
+    return Illustration(settle(figure), name, title, caption)
 
 
 def _caption(states: Mapping[str, Errors], part: str, against: str) -> str:

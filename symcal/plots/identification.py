@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from symcal.calibration.calibrate import Calibration
 from symcal.calibration.held_out_places import held_out_places
 from symcal.calibration.model_check import ModelCheck
+from symcal.calibration.tolerance import Tolerance
 from symcal.data.dataset import Dataset
 from symcal.plots.contacts import contacts, has_contacts
 from symcal.plots.convergence import convergence
@@ -30,6 +31,7 @@ def identification_figures(
     errors: Comparison,
     against: str = "noisy measurement",
     check: ModelCheck | None = None,
+    tolerance: Tolerance | None = None,
 ) -> tuple[Illustration, ...]:
     """The figures that say what an identification is worth.
 
@@ -37,15 +39,17 @@ def identification_figures(
         data: the measurements with their splits.
         errors: by part (`train`; `test`, `cross_validation`, `truth` where there are any) and state, as
             `evaluate.compare` gives them.
-        against: what the errors are taken against. check: of the model, whose residuals are drawn by joint.
+        against: what the errors are taken against. check: of the model, whose residuals are drawn by joint. tolerance:
+            what the identification is held against.
     """
     parts: dict[str, Dataset] = {name: data.part(name) for name in ("train", "test") if name in data.split}
     labels: dict[str, Sequence[str]] = {name: part.labels for name, part in parts.items()}
     judged = next(part for part in ("test", "cross_validation", "train") if errors.get(part))
+    limit = None if tolerance is None else tolerance.limit(errors[judged]["after"].unit)
     places = held_out_places(calibration.states["after"], parts.get("test"))
     figures = [
         errors_per_pose(errors, labels, against),
-        error_distribution(errors[judged], judged, against=against),
+        error_distribution(errors[judged], judged, against=against, limit=limit),
         *([contacts(calibration, data, places)] if has_contacts(calibration, data) else []),
         residuals_per_axis(errors, against),
         *image_residuals(calibration, data),

@@ -66,7 +66,7 @@ def handover_text(content: Content) -> dict[str, Any] | None:
             content.get("identification", {}).get("parameters", {}),
             controller.get("left_out", ""),
         ),
-        "gate": _gate(controller["doubts"]),
+        "gate": _gate(controller["doubts"], content),
         "compensation": _compensation(content["compensation"], _apart(content))
         if content.get("compensation")
         else None,
@@ -133,7 +133,11 @@ def _sigma(value: float, places: int) -> str:
     return number(value, 2) if 0 < value < 0.5 * 10**-places else fixed(value, places)
 
 
-def _gate(doubts: Sequence[str]) -> str:
+def _gate(doubts: Sequence[str], content: Content) -> str:
+    if "decision" in content and not doubts:
+        return "The calibration is accepted: it may go to a controller."
+    if "decision" in content and "identification" in content:  # whose report has the reasons on page one
+        return "The calibration is refused (see page one): these numbers should not go to a controller."
     if not doubts:
         return "The identification converged and no correction is implausibly large: it may go to a controller."
     return f"These numbers should not go to a controller as they are: {'; '.join(doubts)}."

@@ -10,6 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from symcal.report.decision import decision_text
 from symcal.report.extension import extension_text
 from symcal.report.frames import frame_table, frames_note
 from symcal.report.handover import handover_text
@@ -61,6 +62,7 @@ def identification_text(content: Content) -> dict[str, Any]:
         "title": content.get("title") or content["name"],
         "subtitle": _subtitle(content),
         "version": content["versions"].get("symcal", ""),
+        "decision": decision_text(content),
         "verdict": verdict(content),
         "usable": usable(content),
         "warnings": list(content.get("warnings", [])),

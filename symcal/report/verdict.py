@@ -22,8 +22,9 @@ def judging_part(content: Content) -> str:
 
 
 def usable(content: Content) -> bool:
-    """Whether the identification converged."""
-    return bool(content["identification"]["converged"])
+    """Whether the calibration was accepted; of results without a decision, whether the identification converged."""
+    decision = content.get("decision")
+    return bool(content["identification"]["converged"] if decision is None else decision["accepted"])
 
 
 def verdict(content: Content) -> list[str]:
@@ -34,7 +35,7 @@ def verdict(content: Content) -> list[str]:
     """
     warning = (
         []
-        if usable(content)
+        if usable(content) or "decision" in content  # its own box says it
         else [
             f"Do not use these numbers: the identification did not converge ({content['identification']['message']})."
         ]
@@ -81,7 +82,8 @@ def _main(content: Content, part: str) -> str:
         first, last = (angle["rms"] for angle in angles)
         sentence += f"; its orientation error {_moved(first, last)} from {number(first)} to {number(last)} deg"
     sentence += "."
-    if after > (1 - UNCHANGED) * before:
+    refused = {reason["kind"] for reason in content.get("decision", {}).get("reasons", ())}
+    if after > (1 - UNCHANGED) * before and "no_gain" not in refused:
         sentence += " The identified kinematics predicts these poses no better than the nominal one."
     return sentence
 

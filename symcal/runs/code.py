@@ -18,7 +18,9 @@ def with_code(content: Mapping[str, Any], robot: Robot, folder: Path, seed: int)
     delivery = deliver_c(robot, folder / "c", np.random.default_rng(seed))
     warnings = list(content["warnings"])
     if delivery.export is None:
-        reasons = "; ".join(doubt.text for doubt in delivery.doubts)
-        warnings.append(f"no C code was written, because the calibration should not go to a controller: {reasons}")
+        said = {reason["text"] for reason in content.get("decision", {}).get("reasons", ())}
+        more = [doubt.text for doubt in delivery.doubts if doubt.text not in said]  # the decision says the others
+        because = f": {'; '.join(more)}" if more else ", because the calibration is refused"
+        warnings.append(f"no C code was written{because}")
     controller = {**content["controller"], "code": code_facts(delivery)}
     return {**content, "warnings": warnings, "controller": controller}

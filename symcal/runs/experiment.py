@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 
 from symcal.calibration import results
 from symcal.calibration.calibrate import Calibration, baseline_model
-from symcal.calibration.claims import claim, extrapolation, worse
+from symcal.calibration.claims import extrapolation, optimism, worse
 from symcal.calibration.compare import compare, cross_validate
 from symcal.calibration.compensation_check import POSES, Handover, hand_over
 from symcal.calibration.evaluate import Errors, evaluate_each, expected_position_rms, judging
 from symcal.calibration.extend import calibrate_extended, planned_model, shrinking, with_directions
 from symcal.calibration.extension_facts import extension_facts
 from symcal.calibration.gross import gross_alone
+from symcal.calibration.judgement import decide_run, with_decision
 from symcal.calibration.model_check import ModelCheck, lacks_physics, model_check
 from symcal.calibration.model_words import model_check_facts, model_warnings
 from symcal.calibration.outliers import outlier_facts
@@ -114,7 +115,7 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
             errors["cross_validation"] = cross_validate(experiment.model, used, experiment.options, count, rng, refine)
         except RefusedError as error:
             notes.append(f"cross-validation was not possible: {error}")
-    notes += [*extrapolation(measured), *claim(errors)]
+    notes += [*extrapolation(measured), *optimism(errors)]
     handover = None if found.truth is None else _handover(experiment, calibration, found.truth, rng)
     inputs = (experiment.document.path, experiment.robot_path, *found.inputs)
     instruments = results.instrument_facts(experiment.model.task, by_instrument)
@@ -124,6 +125,7 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     content["instruments"] = instruments
     content["extension"] = extension_facts(calibration.extension)
     content["remainder"] = remainder_facts(calibration, np.random.default_rng(experiment.seed), _area(experiment))
+    calibration = _decided(content, calibration, measured, errors, experiment)
     content["controller"] = correction_facts(calibration.robot)
     content["compensation"] = None if handover is None else handover_facts(handover)
     if found.images:
@@ -177,7 +179,7 @@ def _with_images(experiment: Experiment, progress: Progress) -> Outcome:
     own = (experiment.file, experiment.document, experiment.model, experiment.options)
     found = run_images(*own, experiment.seed, progress)
     calibration = found.calibration
-    notes = [*found.notes, *claim(found.errors)]
+    notes = [*found.notes, *optimism(found.errors)]
     inputs = (experiment.document.path, experiment.robot_path, *found.inputs)
     content = _content(replace(experiment, model=found.model), found.data, inputs, calibration, found.errors, notes)
     check, calibration = _with_check(content, calibration, found.data, experiment)
@@ -186,6 +188,7 @@ def _with_images(experiment: Experiment, progress: Progress) -> Outcome:
     content["measurement"] |= {"error": ERROR, "of_tool": True}  # positions against the truth
     content["measurement"]["poses"]["test"] = len(found.test)
     handover = _handover(experiment, calibration, found.truth, np.random.default_rng(experiment.seed))
+    calibration = _decided(content, calibration, found.data, found.errors, experiment, found.test)
     content["controller"] = correction_facts(calibration.robot)
     content["compensation"] = handover_facts(handover)
     return Outcome(
@@ -208,6 +211,29 @@ def _with_check(
     content["warnings"] = said + [note for note in gross.notes if note not in said]
     content["outliers"] = outlier_facts(gross.outliers)
     return check, gross
+
+
+def _decided(
+    content: dict[str, Any],
+    calibration: Calibration,
+    data: Dataset,
+    errors: Mapping[str, Mapping[str, Errors]],
+    experiment: Experiment,
+    test: Array | None = None,
+) -> Calibration:
+    """The calibration with the decision about it, which is added to the content: by all that is already there."""
+    decision = decide_run(
+        calibration,
+        data,
+        errors,
+        content,
+        experiment.options,
+        config.tolerance_of(experiment.file),
+        _area(experiment),
+        test,
+    )
+    content["decision"] = decision.facts
+    return with_decision(calibration, decision)
 
 
 def _handover(experiment: Experiment, calibration: Calibration, truth: Robot, rng: np.random.Generator) -> Handover:

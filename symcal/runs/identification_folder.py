@@ -72,7 +72,8 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
 
     progress("drawing")
     against, check = outcome.content["against"], outcome.check
-    illustrations = identification_figures(calibration, outcome.data, outcome.errors, against, check)
+    tolerance = config.tolerance_of(experiment.file)
+    illustrations = identification_figures(calibration, outcome.data, outcome.errors, against, check, tolerance)
     if outcome.content.get("extension"):
         illustrations += (beyond_geometry(outcome.content["extension"]),)
     if outcome.handover is not None:

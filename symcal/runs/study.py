@@ -11,6 +11,10 @@ import numpy as np
 
 from symcal.calibration import results
 from symcal.calibration.compensation_check import POSES, Handover, hand_over, true_robot
+from symcal.calibration.decision import Decision
+from symcal.calibration.evaluate import Errors
+from symcal.calibration.judgement import decide_run, decided_robot
+from symcal.config import conversion as config
 from symcal.data.saved_measurements import save_measurements
 from symcal.documents.document import write_document
 from symcal.export.corrections import corrections
@@ -34,13 +38,15 @@ Progress = Callable[[str], None]
 class StudyOutcome:
     """A study with the experiment that asked for it, and the content of its results.json.
 
-    handover: what compensation with the robot of the certified plan achieves.
+    handover: what compensation with the robot of the certified plan achieves. robot: that one, with the decision about
+    it.
     """
 
     experiment: Experiment
     study: Study
     handover: Handover
     content: Mapping[str, Any]
+    robot: Robot
 
 
 def study_experiment(experiment: Experiment, progress: Progress = lambda _: None) -> StudyOutcome:
@@ -55,10 +61,24 @@ def study_experiment(experiment: Experiment, progress: Progress = lambda _: None
     head = results.header(file.name, file.title, experiment.seed, inputs, document.path.parent.resolve())
     assert file.study is not None  # run_study asks for it
     progress("compensating")
-    robot, handover = study.simulation_2["certified"].calibration.robot, _handover(study, experiment.seed)
-    content = {**head, **study_content(study), **surroundings(study, file.study.sized())}
+    decision, handover = _decision(study, experiment), _handover(study, experiment.seed)
+    robot = decided_robot(study.simulation_2["certified"].calibration.robot, decision)
+    content = {**head, **study_content(study), **surroundings(study, file.study.sized()), "decision": decision.facts}
     content |= {"controller": correction_facts(robot), "compensation": handover_facts(handover)}
-    return StudyOutcome(experiment, study, handover, content)
+    return StudyOutcome(experiment, study, handover, content, robot)
+
+
+def _decision(study: Study, experiment: Experiment) -> Decision:
+    """Of the robot that the certified plan's measurements identified, by the study's noisy test poses."""
+    found, test = study.simulation_2["certified"], study.setting.test_poses
+    poses = np.arange(len(test))
+    errors = {
+        state: Errors(sizes[:, None], poses, np.zeros_like(poses), None)
+        for state, sizes in (("before", found.before_measured), ("after", found.after_measured))
+    }
+    tolerance = config.tolerance_of(experiment.file)
+    data, options = study.data["certified"], experiment.options
+    return decide_run(found.calibration, data, {"test": errors}, {}, options, tolerance, test=test)
 
 
 def _handover(study: Study, seed: int) -> Handover:
@@ -86,7 +106,7 @@ def write(outcome: StudyOutcome, folder: Path, progress: Progress = lambda _: No
     """
     experiment, study = outcome.experiment, outcome.study
     robot, tables = experiment.robot, folder / "tables"
-    calibrated = study.simulation_2["certified"].calibration.robot
+    calibrated = outcome.robot
     if experiment.file.outputs.c:
         progress("exporting C")
         outcome = replace(outcome, content=with_code(outcome.content, calibrated, folder, experiment.seed))
@@ -120,7 +140,7 @@ def write(outcome: StudyOutcome, folder: Path, progress: Progress = lambda _: No
 
 def _with_provenance(outcome: StudyOutcome) -> Robot:
     """The robot that the certified plan's measurements identified."""
-    robot = outcome.study.simulation_2["certified"].calibration.robot
+    robot = outcome.robot
     if robot.record is None:
         return robot
     keys = ("name", "seed", "versions", "inputs", "warnings", "accuracy", "against")

@@ -13,7 +13,9 @@ import pandas as pd
 from symcal.calibration import results
 from symcal.calibration.calibrate import place
 from symcal.calibration.evaluate import Errors, evaluate
+from symcal.calibration.judgement import decide_validation
 from symcal.calibration.record import recorded_task
+from symcal.calibration.tolerance import Tolerance
 from symcal.data.dataset import Dataset, merged
 from symcal.data.layout import Layout
 from symcal.data.measurement_file import load_measurements
@@ -35,6 +37,7 @@ def validate_robot(
     refit: tuple[str, ...] = (),
     instrument: str | None = None,
     progress: Callable[[str], None] = lambda _: None,
+    tolerance: Tolerance | None = None,
 ) -> dict[str, Any]:
     """Errors of a calibrated robot on new measurements of the kind it was calibrated with.
 
@@ -46,6 +49,8 @@ def validate_robot(
         instrument: whose measurements they are, where several measured. refit: frames to fit to the new data first, for
             both (the instrument or the tool was moved in between). What is then left says how well the kinematics carry
             over, not where the robot stands.
+        tolerance: what the robot is accepted or refused against by these measurements alone; None: it must be better
+            than the nominal robot by more than chance.
     Raises:
         InputError: a robot that was never calibrated, unreadable data, or parts that cannot be fitted.
     """
@@ -67,13 +72,15 @@ def validate_robot(
     names = [each.name for each in new.of]
     _check_placed(robot, names, refit)
     errors: dict[str, Errors] = {}
+    judged: dict[str, State] = {}
     states: tuple[tuple[Literal["before", "after"], Robot], ...] = (("before", robot.nominal()), ("after", robot))
     for name, subject in states:
         progress(f"evaluating: {name}")
         recorded = recorded_task(robot.record.provenance, name, calibrated)
         kept = _of_these(recorded, instrument, names, sessions)
         model = build_model(subject, _loosened(kept, refit))
-        found = evaluate(_state(model, subject, new, refit), new)
+        judged[name] = _state(model, subject, new, refit)
+        found = evaluate(judged[name], new)
         errors[name] = replace(found, fitted=len(model.placement)) if refit else found
     task = _of_these(task, instrument, names, sessions)
     content = {
@@ -83,6 +90,7 @@ def validate_robot(
         | {"refit": list(refit), "estimate": _found_in_training(robot)},
         "warnings": list(new.notes),
         "accuracy": {"test": results.accuracy_facts(errors)},
+        "decision": decide_validation(robot, judged["before"], errors, new.q, tolerance).facts,
         "against": results.against(task),
     }
     if out is not None:

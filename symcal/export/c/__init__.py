@@ -18,6 +18,7 @@ from symcal.export.c.project import cost, project_files
 from symcal.export.c.source import CModel, header, model_hash, source
 from symcal.export.c.vectors import self_test_vectors
 from symcal.export.carries import LeftOut, check_carries
+from symcal.export.gate import check_exportable
 from symcal.robot.robot import Robot
 
 MANIFEST = "symcal_export.json"
@@ -46,7 +47,13 @@ class CExport:
 
 
 def export_c(
-    robot: Robot, out_dir: Path | str, *, prefix: str | None = None, iterations: int | None = None, vectors: int = 24
+    robot: Robot,
+    out_dir: Path | str,
+    *,
+    prefix: str | None = None,
+    iterations: int | None = None,
+    vectors: int = 24,
+    force: bool = False,
 ) -> CExport:
     """Write a robot's kinematics as C99, ready to be dropped into a firmware.
 
@@ -60,10 +67,13 @@ def export_c(
         prefix: of all names, an identifier; by default made of the robot's name.
         iterations: Newton steps of a compensation; by default three, and six where large zero offsets widen the caps.
         vectors: how many test vectors.
+        force: whether also a calibration that was refused or never judged (`symcal.export.gate`).
     Raises:
         InputError: the folder holds files that are not of an export, or cannot be written; the prefix is no identifier.
-        RefusedError: the model has numbers that single precision cannot hold, or a smooth remainder.
+        RefusedError: the calibration was refused; the model has numbers that single precision cannot hold, or a smooth
+            remainder.
     """
+    check_exportable(robot, force)
     left = check_carries(robot, "c")
     if prefix is not None and identifier(prefix, "robot") != prefix:
         message = (

@@ -1,0 +1,152 @@
+"""Accept or refuse a calibration, with the reasons: decided once from what was found, and the same wherever it is said.
+
+Every rule is a sentence about one thing. Where a tolerance is given, errors and what could make errors are held against
+it; where none is, the calibration must be better than the nominal robot with fitted frames by more than chance. A
+calibration is accepted where no rule has a reason against it. The rules and their limits are ours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from symcal.calibration.claims import Gain, where_judged
+from symcal.calibration.evaluate import Errors
+from symcal.calibration.evidence import Evidence
+from symcal.calibration.reasons import KINDS, Reason
+from symcal.calibration.tolerance import Tolerance
+from symcal.calibration.tolerance_rules import against, basis, cautions
+from symcal.errors import InputError
+from symcal.words import number
+
+WORTHLESS = 3.0
+"""Times the error of a robot that was never calibrated, by its plausible sizes: what is left beyond is no calibration's
+error."""
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """Accepted or refused.
+
+    tolerance: against what; None: against the nominal robot with fitted frames. reasons: against it. basis: what was
+    found and against what it was held, in a sentence without a full stop. cautions: what an acceptance leaves open.
+    """
+
+    tolerance: Tolerance | None
+    reasons: tuple[Reason, ...]
+    basis: str = ""
+    cautions: tuple[str, ...] = ()
+
+    @property
+    def accepted(self) -> bool:
+        return not self.reasons
+
+    @property
+    def sentence(self) -> str:
+        """`accepted: ...` or `refused: ...; ...`."""
+        if self.accepted:
+            return f"accepted: {self.basis}"
+        return f"refused: {'; '.join(reason.text for reason in self.reasons)}"
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """As results.json and calibrated.yaml have it."""
+        return {
+            "accepted": self.accepted,
+            "tolerance": None if self.tolerance is None else self.tolerance.facts,
+            "reasons": [
+                {"kind": r.kind, "text": r.text} | ({"parameter": r.parameter} if r.parameter else {})
+                for r in self.reasons
+            ],
+            "basis": self.basis,
+            "cautions": list(self.cautions),
+            "sentence": self.sentence,
+        }
+
+    @staticmethod
+    def recalled(facts: Any) -> Decision | None:
+        """The decision of such `facts`; None where they are none, or say that they accept what has reasons."""
+        try:
+            tolerance = facts["tolerance"]
+            found = Decision(
+                None if tolerance is None else Tolerance.recalled(tolerance),
+                tuple(Reason(r["kind"], str(r["text"]), str(r.get("parameter", ""))) for r in facts["reasons"]),
+                str(facts["basis"]),
+                tuple(str(caution) for caution in facts["cautions"]),
+            )
+        except (KeyError, TypeError, ValueError, AttributeError, InputError):
+            return None
+        whole = all(reason.kind in KINDS and reason.text for reason in found.reasons)
+        return found if whole and facts.get("accepted") is found.accepted else None
+
+
+def decide(found: Evidence, tolerance: Tolerance | None = None) -> Decision:
+    """Accept or refuse what was found.
+
+    Args:
+        tolerance: None: the calibration must be better than the nominal robot by more than chance.
+    """
+    reasons = list(_always(found))
+    gain = Gain.of(found.errors, found.aside)
+    if tolerance is None:
+        reasons += _without_tolerance(gain)
+        return Decision(None, tuple(reasons), "" if gain is None else gain.text, tuple(_cautions(found)))
+    reasons += against(found, tolerance)
+    open_ = [*_cautions(found), *cautions(found, tolerance)]
+    if gain is not None and not gain.beyond_chance:
+        open_.append(gain.text)
+    return Decision(tolerance, tuple(reasons), basis(found, tolerance), tuple(open_))
+
+
+def _always(found: Evidence) -> Iterator[Reason]:
+    """What speaks against a calibration whatever is asked of it."""
+    if found.trouble:
+        yield Reason("unsettled", f"the identification did not converge: {found.trouble}")
+    for mistake in found.mistakes:
+        yield Reason("mistake", str(mistake["text"]))
+    yield from found.implausible
+    yield from _worthless(found)
+
+
+def _worthless(found: Evidence) -> Iterator[Reason]:
+    if found.part is None:
+        return
+    after = found.errors[found.part]["after"]
+    sizes = [(after.statistics.rms, after.unit, "error")]
+    if after.orientation is not None and after.orientation.size:
+        sizes.append((_degrees_rms(after), "deg", "orientation error"))
+    for rms, unit, what in sizes:
+        usual = found.uncalibrated.of(unit)
+        if usual is not None and rms > WORTHLESS * usual:
+            yield Reason(
+                "worthless",
+                f"{where_judged(found.part)} the {what} is {number(rms)} {unit} rms, where even a robot that was never "
+                f"calibrated is off by about {number(usual)} {unit}: the measurements are not of this robot as it is "
+                "described",
+            )
+
+
+def _without_tolerance(gain: Gain | None) -> Iterator[Reason]:
+    if gain is None:
+        yield Reason("unjudged", "nothing was held out of the identification, so nothing says what it is worth")
+    elif not gain.beyond_chance:
+        yield Reason("no_gain", gain.text)
+
+
+def _cautions(found: Evidence) -> Iterator[str]:
+    if found.part == "left_out":
+        yield "no pose was held out: poses were left out in turn of the linearised fit"
+    if found.aside:
+        names = ", ".join(found.aside.values())
+        yield f"held-out pose{'s' if len(found.aside) > 1 else ''} {names} set aside as slips: measure again there"
+    halves = found.halves or {}
+    if halves.get("agree") is False and halves.get("text"):
+        yield str(halves["text"])
+
+
+def _degrees_rms(errors: Errors) -> float:
+    assert errors.orientation is not None
+    return float(np.degrees(np.sqrt(np.mean(errors.orientation**2))))

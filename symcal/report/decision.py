@@ -1,0 +1,39 @@
+"""The decision about a calibration on page one: accepted or refused, with what speaks for or against it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+Content = Mapping[str, Any]
+
+
+def decision_text(content: Content) -> dict[str, Any] | None:
+    """What the box says; None where results are too old to have a decision.
+
+    Args:
+        content: the results dictionary (results.json).
+    """
+    decision = content.get("decision")
+    if decision is None:
+        return None
+    if decision["accepted"]:
+        return {
+            "accepted": True,
+            "title": "Accepted",
+            "lines": [f"{_capital(decision['basis'])}.", *_cautions(decision)],
+        }
+    lines = [f"{_capital(reason['text'])}." for reason in decision["reasons"]]
+    return {
+        "accepted": False,
+        "title": "Refused: do not use these numbers",
+        "lines": [*lines, *_cautions(decision)],
+    }
+
+
+def _cautions(decision: Content) -> list[str]:
+    return [f"Caution: {caution}." for caution in decision["cautions"]]
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from decisions import ACCEPTED
 
 from symcal import spatial
 from symcal.joints import Term
@@ -51,7 +52,7 @@ def calibrated(robot: Robot, rng: np.random.Generator, size: float = 1.0) -> Rob
     }
     errors |= {name: float(size * rng.normal() * p.scale) for name, p in robot.term_parameters.items()}
     n = len(errors)
-    record = Record(errors, dict.fromkeys(errors, 1e-4), 1e-8 * np.eye(n), robot.base, robot.tool)
+    record = Record(errors, dict.fromkeys(errors, 1e-4), 1e-8 * np.eye(n), robot.base, robot.tool, ACCEPTED)
     return replace(robot.corrected(errors), record=record)
 
 

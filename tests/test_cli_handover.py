@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 from arms_with_terms import puma_with_terms
 from cases import TABLE_III, handling
+from decisions import ACCEPTED
 
 from symcal import spatial
 from symcal.cli import main
@@ -55,7 +56,7 @@ def calibrated(errors: Mapping[str, float] = TABLE_III, base: np.ndarray | None 
     robot = handling()
     where = np.eye(4) if base is None else base
     covariance = 1e-8 * np.eye(len(errors))
-    record = Record(dict(errors), dict.fromkeys(errors, 1e-4), covariance, where, robot.tool, {"seed": 1})
+    record = Record(dict(errors), dict.fromkeys(errors, 1e-4), covariance, where, robot.tool, {"seed": 1} | ACCEPTED)
     return replace(robot.corrected(errors), base=where, record=record)
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cases import TABLE_III, front_half, handling, handling_model
+from decisions import ACCEPTED
 from scipy.spatial.transform import Rotation
 
 from symcal import spatial
@@ -29,7 +30,9 @@ from symcal.runs.run import run
 
 def calibrated(errors: Mapping[str, float]) -> Robot:
     robot = handling()
-    record = Record(dict(errors), dict.fromkeys(errors, 1e-4), 1e-8 * np.eye(len(errors)), robot.base, robot.tool)
+    record = Record(
+        dict(errors), dict.fromkeys(errors, 1e-4), 1e-8 * np.eye(len(errors)), robot.base, robot.tool, ACCEPTED
+    )
     return replace(robot.corrected(errors), record=record)
 
 

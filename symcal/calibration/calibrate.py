@@ -200,6 +200,7 @@ def calibrated_robot(model: Model, result: Fit) -> Robot:
         "rank": result.identifiability.rank,
         "dof": result.dof,
         "size_factor": result.factor,
+        "group_factors": dict(result.factors),
         "learnt": dict(zip(free, result.posterior.learnt.tolist(), strict=True)),
         "trouble": result.trouble,
     }

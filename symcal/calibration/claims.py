@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 _SIGNIFICANT = 2.0  # standard errors of the mean gain
 _OPTIMISM = 1.5  # unseen over training rms; with many poses the ratio is near one
 _NO_BETTER = 0.02  # relative gain that is none
+_STILL = 1e-9  # rad, mm or shares: joints that vary by less stand still
+_LEFT = 1e-6  # rad, mm or shares of a range
 _UNLIKE = 1e-3  # probability that poses of the same kind are called others
 _BEYOND = 0.1  # of the training range of a joint
 MOST_OUTSIDE = 0.2
@@ -181,8 +183,7 @@ def outside(train: Array, postures: Array, of: str) -> Outside | None:
 
     A posture does whose leverage on the training poses, h = 1 / n + (q - m)^T S^-1 (q - m), is larger than that of any
     training pose on the others ([Cook1982] sec. 2.2): that also shows new combinations of joints within the old ranges,
-    and a box whose corners were measured holds its inside. One does too that has a joint beyond its range in training
-    by a tenth of it.
+    and a box whose corners were measured holds its inside. So does one that leaves what the training poses spanned.
 
     Args:
         train, postures: joint readings, shapes (N, dof) and (M, dof), rad and mm.
@@ -190,16 +191,16 @@ def outside(train: Array, postures: Array, of: str) -> Outside | None:
     count, dof = train.shape
     if count <= dof + 2 or len(postures) == 0:
         return None
-    low, high = train.min(axis=0), train.max(axis=0)
-    slack = _BEYOND * (high - low) + 1e-9 * (1 + np.abs(high))
-    beyond = ((postures < low - slack) | (postures > high + slack)).any(axis=1)
-    span, middle = np.where(high > low, high - low, 1.0), train.mean(axis=0)
+    span, middle = np.ptp(train, axis=0), train.mean(axis=0)
+    span = np.where(span > _STILL, span, 1.0)
     _, s, vt = np.linalg.svd((train - middle) / span, full_matrices=False)
-    moved = s > 1e-9 * s[0]
+    moved = s > _STILL * max(s[0], 1.0)
     axes = vt[moved].T / s[moved]
     own, asked = (1 / count + np.sum(((q - middle) / span @ axes) ** 2, axis=1) for q in (train, postures))
     most = float((own / np.maximum(1 - own, 1e-12)).max())
-    return Outside(float(np.mean(beyond | (asked > most))), of)
+    across = (postures - middle) / span
+    across = np.linalg.norm(across - across @ vt[moved].T @ vt[moved], axis=1)
+    return Outside(float(np.mean((across > _LEFT) | (asked > most))), of)
 
 
 def worse(instruments: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:

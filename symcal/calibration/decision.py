@@ -142,6 +142,7 @@ def _cautions(found: Evidence) -> Iterator[str]:
     if found.aside:
         names = ", ".join(found.aside.values())
         yield f"held-out pose{'s' if len(found.aside) > 1 else ''} {names} set aside as slips: measure again there"
+    yield from found.large
     halves = found.halves or {}
     if halves.get("agree") is False and halves.get("text"):
         yield str(halves["text"])

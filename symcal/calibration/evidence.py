@@ -41,6 +41,7 @@ class Evidence:
     lets expect, ``over`` (`the working area`), by the statistic of the tolerance. unseen: directions that no
     measurement sees, in words. outside: postures that the training poses do not reach. lacks: what the model lacks.
     outliers, mistakes, halves: of results.json. aside: held-out poses that are gross slips: by number, their label.
+    large: of joint terms, in words.
     """
 
     errors: Mapping[str, Mapping[str, Errors]]
@@ -56,6 +57,7 @@ class Evidence:
     mistakes: Sequence[Mapping[str, Any]] = ()
     halves: Mapping[str, Any] | None = None
     aside: Mapping[int, str] = field(default_factory=dict)
+    large: tuple[str, ...] = ()
 
     @property
     def part(self) -> str | None:

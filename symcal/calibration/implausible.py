@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from symcal.calibration.reasons import Reason
@@ -10,25 +12,46 @@ from symcal.robot.robot import Robot
 
 IMPLAUSIBLE = 10.0
 """Plausible scales beyond which an error of a link or joint term is taken for a mistake: 10 mm, 0.1 rad by default."""
+_NAMED = 5
 
 
 def implausible(robot: Robot) -> tuple[Reason, ...]:
     """Corrections of a calibrated robot that are implausibly large; none of a nominal one.
 
     Link parameters and joint terms are judged. The base says where the instrument stood, and nominal tools are often
-    rough guesses: the sizes of their errors do not count. The limit is ours.
+    rough guesses: the sizes of their errors do not count. How large a group of joint terms is the data may have told,
+    which is then its plausible size (`group_factors` of the provenance). The limit is ours.
     """
+    found = []
+    for p, error, told in _beyond(robot):
+        if not told:
+            limit = f"{IMPLAUSIBLE:g} times its plausible {_text(p, p.scale)}"
+            found.append(Reason("implausible", f"{p.name} is off by {_text(p, error)}, more than {limit}", p.name))
+    return tuple(found)
+
+
+def large_terms(robot: Robot) -> tuple[str, ...]:
+    """Joint terms that are as large only because the data say so, in a sentence; empty where there are none."""
+    large = [f"{p.name} {_text(p, error)}" for p, error, told in _beyond(robot) if told]
+    if not large:
+        return ()
+    more = f" and {len(large) - _NAMED} more" if len(large) > _NAMED else ""
+    return (
+        f"joint terms of more than {IMPLAUSIBLE:g} times their usual size are there because the data ask for them: "
+        f"{', '.join(large[:_NAMED])}{more}",
+    )
+
+
+def _beyond(robot: Robot) -> Iterator[tuple[Parameter, float, bool]]:
+    """Numbers beyond measure, their errors, and whether the data told the size of their group."""
     record = robot.record
     if record is None:
-        return ()
-    found = []
+        return
+    factors = record.provenance.get("group_factors") or {}
     for p in robot.described:
         error = record.errors.get(p.name, 0.0)
         if abs(error) > IMPLAUSIBLE * p.scale:
-            limit = f"{IMPLAUSIBLE:g} times its plausible {_text(p, p.scale)}"
-            text = f"{p.name} is off by {_text(p, error)}, more than {limit}"
-            found.append(Reason("implausible", text, p.name))
-    return tuple(found)
+            yield p, error, abs(error) <= IMPLAUSIBLE * p.scale * float(factors.get(p.group, 1.0))
 
 
 def _text(p: Parameter, value: float) -> str:

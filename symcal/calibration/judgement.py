@@ -15,7 +15,7 @@ from symcal.calibration.decision import Decision, decide
 from symcal.calibration.evaluate import Errors
 from symcal.calibration.evidence import Evidence, Lack
 from symcal.calibration.foretold_errors import open_errors, uncalibrated
-from symcal.calibration.implausible import implausible
+from symcal.calibration.implausible import implausible, large_terms
 from symcal.calibration.left_out import left_out
 from symcal.calibration.tolerance import Tolerance
 from symcal.calibration.tolerance_rules import GROSS
@@ -70,6 +70,7 @@ def decide_run(
         outliers=content.get("outliers", ()),
         mistakes=content.get("mistakes", ()),
         halves=content.get("halves"),
+        large=large_terms(calibration.robot),
         aside=_slips(data, content.get("outliers", ())),
     )
     if tolerance is not None and np.isfinite(after.x).all():

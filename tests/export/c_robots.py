@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from decisions import ACCEPTED
 
 from symcal.robot.files import load_robot
 from symcal.robot.robot import Record, Robot
@@ -36,7 +37,7 @@ COLUMNS = ("theta", "d", "a", "alpha", "beta")
 def calibrated(robot: Robot, errors: Mapping[str, float], tool_shift: float = 0.0) -> Robot:
     """The robot as an identification leaves it; ``tool_shift`` moves its tool too, mm along x."""
     n = len(errors)
-    record = Record(dict(errors), dict.fromkeys(errors, 1e-3), 1e-6 * np.eye(n), robot.base, robot.tool)
+    record = Record(dict(errors), dict.fromkeys(errors, 1e-3), 1e-6 * np.eye(n), robot.base, robot.tool, ACCEPTED)
     tool = robot.tool.copy()
     tool[0, 3] += tool_shift
     return replace(robot.corrected(errors), tool=tool, record=record)

@@ -80,7 +80,9 @@ def test_any_text_can_stand_in_a_comment(name: str) -> None:
 def test_any_robot(seed: int, tmp_path: Path) -> None:
     """Signs, ratios, offsets, missing parameters, joints without limits."""
     self_test(
-        export_c(random_robot(np.random.default_rng(seed), dof=2 + seed), tmp_path / "c", prefix="any").folder,
+        export_c(
+            random_robot(np.random.default_rng(seed), dof=2 + seed), tmp_path / "c", prefix="any", force=True
+        ).folder,
         optimisation="-O0",
     )
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from decisions import ACCEPTED
 
 from symcal import spatial
 from symcal.compensation.targets import tool_pose
@@ -43,7 +44,7 @@ def calibrated(robot: Robot, errors: dict[str, float], seen: np.ndarray | None =
     full = np.linalg.norm(basis, axis=1) > 1 - 1e-9
     deviations = np.sqrt(np.diag(covariance))
     sigmas = {name: float(s) if ok else None for name, s, ok in zip(errors, deviations, full, strict=True)}
-    record = Record(errors, sigmas, covariance, robot.base, robot.tool, {"seed": 1})
+    record = Record(errors, sigmas, covariance, robot.base, robot.tool, {"seed": 1} | ACCEPTED)
     return replace(robot.corrected({k: v for k, v in errors.items() if k in robot.parameters}), record=record)
 
 
@@ -118,7 +119,7 @@ def test_a_good_calibration_passes(nominal: Robot) -> None:
 
 def test_implausible_corrections_are_named(nominal: Robot) -> None:
     wild = calibrated(nominal, {**ERRORS, "theta_4": -0.37})
-    assert [(doubt.parameter, doubt.reason) for doubt in doubts(wild)] == [("theta_4", "implausible")]
+    assert [(doubt.parameter, doubt.kind) for doubt in doubts(wild)] == [("theta_4", "implausible")]
     with pytest.raises(RefusedError, match=r"theta_4 is off by -21\.2 deg"):
         check_exportable(wild)
     assert len(check_exportable(wild, force=True)) == 1
@@ -137,7 +138,7 @@ def test_a_fit_that_did_not_converge_goes_nowhere(nominal: Robot) -> None:
     bad = replace(good, record=replace(good.record, provenance={"trouble": trouble}))
     with pytest.raises(RefusedError, match="did not converge: stopped: noise and sizes"):
         check_exportable(bad)
-    assert [doubt.reason for doubt in check_exportable(bad, force=True)] == ["unsettled"]
+    assert [doubt.kind for doubt in check_exportable(bad, force=True)] == ["unsettled"]
 
 
 def test_where_the_instrument_stood_does_not_count(nominal: Robot) -> None:

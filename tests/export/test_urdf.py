@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
+from decisions import ACCEPTED
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -246,7 +247,7 @@ def test_convert_takes_the_calibration_along(configs: Path) -> None:
 
     def calibrated(errors: dict[str, float]) -> Robot:
         n = len(errors)
-        record = Record(errors, dict.fromkeys(errors, 1e-3), 1e-6 * np.eye(n), nominal.base, nominal.tool)
+        record = Record(errors, dict.fromkeys(errors, 1e-3), 1e-6 * np.eye(n), nominal.base, nominal.tool, ACCEPTED)
         return replace(nominal.corrected(errors), record=record)
 
     craig = convert(calibrated({"alpha_1": 0.003, "d_4": 0.2, "beta_3": 0.001}), "craig")

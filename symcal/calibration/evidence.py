@@ -38,10 +38,10 @@ class Evidence:
     errors: by part (`train`, `test`, `cross_validation`, `left_out`) and state. trouble: why the fit is none.
     implausible: corrections beyond measure. uncalibrated: errors (rms) of a robot that was never calibrated, by its
     plausible sizes, the stated noise of the measurement included. open: errors that the uncertainty of the parameters
-    lets expect, ``over`` (`the working area`), by the statistic of the tolerance. unseen: directions that no
-    measurement sees, in words. outside: postures that the training poses do not reach. lacks: what the model lacks.
-    outliers, mistakes, halves: of results.json. aside: held-out poses that are gross slips: by number, their label.
-    large: of joint terms, in words.
+    lets expect, ``over`` (`the working area`), by the statistic of the tolerance. foremost: the parameter that has the
+    largest part in that of position. outside: postures that the measured poses do not reach. lacks: what the model
+    lacks. outliers, mistakes, halves: of results.json. aside: held-out poses that are gross slips: by number, their
+    label. large: of joint terms, in words.
     """
 
     errors: Mapping[str, Mapping[str, Errors]]
@@ -50,7 +50,7 @@ class Evidence:
     uncalibrated: Sizes = Sizes()
     open: Sizes = Sizes()
     over: str = "the measured poses"
-    unseen: tuple[str, ...] = ()
+    foremost: str = ""
     outside: Outside | None = None
     lacks: tuple[Lack, ...] = ()
     outliers: Sequence[Mapping[str, Any]] = ()

@@ -63,6 +63,14 @@ def open_errors(model: Model, fit: Fit, q: Array, of: Of) -> Sizes:
     return Sizes(*(float(np.median(taken_of(of, errors.T))) for errors in (mm, deg)))
 
 
+def foremost(model: Model, fit: Fit, q: Array) -> str:
+    """The parameter whose value, were it known, would take away most of what is open about the tool's position."""
+    slopes = position_slopes(model, fit, q)[0]
+    covariance = fit.posterior.covariance
+    moved = np.sum((slopes.reshape(-1, len(covariance)) @ covariance) ** 2, axis=0)
+    return fit.free[int(np.argmax(moved / np.maximum(np.diag(covariance), 1e-300)))]
+
+
 def _drawn(slopes: Array, drawn: Array, fit: Fit) -> Array:
     """What drawn parameters (n, D) move, by slopes (N, 3 k, n): shape (N, k, 3, D)."""
     plain = predicted_rms(slopes, fit.posterior.covariance)

@@ -31,8 +31,9 @@ def identify(
 ) -> Calibration:
     """Calibrate a robot from measurements; only poses of the `train` split are used.
 
-    Whether the calibration is worth anything is decided by these poses too, left out in turn of the linearised fit
-    (`symcal.calibration.left_out`); the decision goes with the robot and its file, and to every export.
+    Whether the calibration is worth anything is decided by the test poses of the data, and where there are none by the
+    training poses, left out in turn of the linearised fit (`symcal.calibration.left_out`). The decision goes with the
+    robot and its file, and to every export.
 
     Args:
         data: measurements and the task that they belong to, or observations with their ``data``. base, tool: whether

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -11,15 +12,17 @@ from numpy.typing import NDArray
 
 from symcal.calibration.calibrate import Calibration
 from symcal.calibration.claims import outside
+from symcal.calibration.compare import compare
 from symcal.calibration.decision import Decision, decide
 from symcal.calibration.evaluate import Errors
 from symcal.calibration.evidence import Evidence, Lack
-from symcal.calibration.foretold_errors import open_errors, uncalibrated
+from symcal.calibration.foretold_errors import foremost, open_errors, uncalibrated
 from symcal.calibration.implausible import implausible, large_terms
 from symcal.calibration.left_out import left_out
 from symcal.calibration.tolerance import Tolerance
 from symcal.calibration.tolerance_rules import GROSS
 from symcal.data.dataset import Dataset
+from symcal.errors import RefusedError
 from symcal.fit.estimation import Fit, Options
 from symcal.model.model import State
 from symcal.robot.robot import Robot
@@ -28,7 +31,7 @@ from symcal.units import DEGREES
 Array = NDArray[np.float64]
 Area = tuple[Array, Array]
 
-_POSTURES = 256  # of the working area
+_POSTURES = 256  # of the working area, or measured ones
 _SLIPS = 0.1  # of the held-out poses: more are no slips
 
 
@@ -57,11 +60,9 @@ def decide_run(
     if not {"test", "cross_validation"} & set(errors):
         own = left_out(calibration, data, options)
         errors |= {} if own is None else {"left_out": own}
-    over, postures = "the measured poses", np.vstack([train, held_out])
-    asked, of = held_out, "the held-out poses"
+    measured, postures = np.vstack([train, held_out]), None
     if area is not None:
-        over, of = "the working area", "the working area"
-        asked = postures = area[0] + (area[1] - area[0]) * np.random.default_rng(0).random((_POSTURES, len(area[0])))
+        postures = area[0] + (area[1] - area[0]) * np.random.default_rng(0).random((_POSTURES, len(area[0])))
     found = Evidence(
         errors,
         trouble=after.trouble,
@@ -74,20 +75,26 @@ def decide_run(
         aside=_slips(data, content.get("outliers", ())),
     )
     if tolerance is not None and np.isfinite(after.x).all():
+        asked = _some(measured) if postures is None else postures
         found = replace(
             found,
-            open=open_errors(calibration.model, after, postures, tolerance.of),
-            over=over,
-            unseen=tuple(each["text"] for each in content.get("identifiability", {}).get("unseen", ())),
-            outside=outside(train, asked, of),
+            open=open_errors(calibration.model, after, asked, tolerance.of),
+            over="the measured poses" if postures is None else "the working area",
+            foremost=foremost(calibration.model, after, asked) if after.free else "",
+            outside=None if postures is None else outside(measured, postures, "the working area"),
             lacks=_lacks(content),
         )
     return decide(found, tolerance)
 
 
 def decide_alone(calibration: Calibration, data: Dataset, options: Options) -> Decision:
-    """The decision about a calibration of which nothing was held out: by poses that are left out in turn."""
-    return decide_run(calibration, data, {}, {}, options)
+    """The decision about a calibration beside which nothing else was found: by the test poses of its data, or without
+    any by the training poses, left out in turn."""
+    errors: dict[str, Mapping[str, Errors]] = {}
+    if "test" in data.split:
+        with suppress(RefusedError):  # what judges has read nothing there
+            errors["test"] = compare(calibration, data.part("test"))
+    return decide_run(calibration, data, errors, {}, options)
 
 
 def decide_validation(
@@ -113,6 +120,13 @@ def decided_robot(robot: Robot, decision: Decision) -> Robot:
         return robot
     provenance = {**robot.record.provenance, "decision": decision.facts}
     return replace(robot, record=replace(robot.record, provenance=provenance))
+
+
+def _some(poses: Array) -> Array:
+    """Poses, or as many random ones of them as stand for all."""
+    if len(poses) <= _POSTURES:
+        return poses
+    return np.asarray(poses[np.sort(np.random.default_rng(0).choice(len(poses), _POSTURES, replace=False))])
 
 
 def _slips(data: Dataset, outliers: Sequence[Mapping[str, Any]]) -> dict[int, str]:

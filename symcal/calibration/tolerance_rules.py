@@ -76,11 +76,11 @@ def _unseen(found: Evidence, tolerance: Tolerance) -> Iterator[Reason]:
                 yield Reason("unjudged", f"nothing tells how far off the {what} is, so no tolerance of it is shown")
             continue
         if size > limit:
-            blind = f"; no measurement sees this: {found.unseen[0]}" if found.unseen else ""
+            most = f"; {found.foremost} has the largest part in it" if found.foremost and unit == "mm" else ""
             yield Reason(
                 "unseen",
                 f"what the data leave open about the parameters makes errors of {number(size)} {unit} over "
-                f"{found.over} ({_of(tolerance)}), beyond the tolerance of {number(limit)} {unit}{blind}",
+                f"{found.over} ({_of(tolerance)}), beyond the tolerance of {number(limit)} {unit}{most}",
             )
 
 
@@ -93,7 +93,7 @@ def _uncovered(found: Evidence) -> Iterator[Reason]:
     if outside is not None and outside.share > MOST_OUTSIDE:
         yield Reason(
             "coverage",
-            f"{percent(outside.share)} of {outside.of} lies beyond the training poses, at joint readings or "
+            f"{percent(outside.share)} of {outside.of} lies beyond the measured poses, at joint readings or "
             f"combinations of them that were not measured (at most {percent(MOST_OUTSIDE)} may): measure there too",
         )
 

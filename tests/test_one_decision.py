@@ -216,7 +216,7 @@ def validated(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     ("data", "options", "code", "words"),
     [
-        ("good", (), 0, "accepted: on the test poses the error is"),
+        ("good", (), 0, "accepted: on the test poses it is better than"),
         ("good", ("--tolerance", "0.5mm"), 0, "the tolerance is 0.500 mm"),
         ("good", ("--tolerance", "0.05mm"), 1, "beyond the tolerance of 0.0500 mm"),
         ("good", ("--tolerance", "0.0005m", "--of", "rms"), 0, "the tolerance is 0.500 mm"),

@@ -74,10 +74,10 @@ class Gain:
         """In a sentence without a full stop."""
         where = where_judged(self.part)
         if self.beyond_chance:
-            better = f", better by {self.mean / self.error:.3g} standard errors" if self.error > 0 else ""
+            by = f" by {self.mean / self.error:.3g} standard errors" if self.error > 0 else ""
             return (
-                f"{where} the error is {self.after:.3g} {self.unit} rms instead of the {self.before:.3g} {self.unit} "
-                f"of the nominal robot with fitted frames{better}"
+                f"{where} it is better than the nominal robot with fitted frames{by} ({self.after:.3g} {self.unit} rms "
+                f"instead of {self.before:.3g} {self.unit})"
             )
         verdict = "no better" if self.after >= self.before else "better by no more than chance"
         return (

@@ -93,7 +93,8 @@ def decide(found: Evidence, tolerance: Tolerance | None = None) -> Decision:
     gain = Gain.of(found.errors, found.aside)
     if tolerance is None:
         reasons += _without_tolerance(gain)
-        return Decision(None, tuple(reasons), "" if gain is None else gain.text, tuple(_cautions(found)))
+        said = "" if gain is None else f"{gain.text}; no tolerance was given"
+        return Decision(None, tuple(reasons), said, tuple(_cautions(found)))
     reasons += against(found, tolerance)
     open_ = [*_cautions(found), *cautions(found, tolerance)]
     if gain is not None and not gain.beyond_chance:

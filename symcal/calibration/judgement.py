@@ -19,6 +19,7 @@ from symcal.calibration.evidence import Evidence, Lack
 from symcal.calibration.foretold_errors import foremost, open_errors, uncalibrated
 from symcal.calibration.implausible import implausible, large_terms
 from symcal.calibration.left_out import left_out
+from symcal.calibration.outliers import outlier_facts
 from symcal.calibration.tolerance import Tolerance
 from symcal.calibration.tolerance_rules import GROSS
 from symcal.data.dataset import Dataset
@@ -94,7 +95,7 @@ def decide_alone(calibration: Calibration, data: Dataset, options: Options) -> D
     if "test" in data.split:
         with suppress(RefusedError):  # what judges has read nothing there
             errors["test"] = compare(calibration, data.part("test"))
-    return decide_run(calibration, data, errors, {}, options)
+    return decide_run(calibration, data, errors, {"outliers": outlier_facts(calibration.outliers)}, options)
 
 
 def decide_validation(

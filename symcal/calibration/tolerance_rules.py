@@ -157,11 +157,11 @@ def cautions(found: Evidence, tolerance: Tolerance) -> Iterator[str]:
         if tolerance.limit(unit) is None or found.open.of(unit) is None:
             continue
         if unit not in measured:
-            yield f"no {what} was measured: that it is within the tolerance follows from the uncertainties alone"
+            yield f"no {what} was measured: its tolerance is judged by the uncertainties of the parameters alone"
         elif unit == after.unit and not after.of_tool:
             yield (
-                f"the {what} itself was not measured but the {after.words}: that the tool is within the tolerance "
-                "follows from the uncertainties"
+                f"the {what} itself was not measured but the {after.words}: whether the tool is within the tolerance "
+                "is judged by the uncertainties of the parameters too"
             )
     poses = len(np.unique(after.pose))
     if tolerance.of == "p95" and poses < _FEW:

@@ -99,6 +99,7 @@ def _learnt(seen: Any, found: Any) -> str:
 
 def print_accuracy(content: Any) -> None:
     """Errors of every state on every set, those of every instrument where there are several, known values, warnings."""
+    from symcal.report.decision import warnings_beside
     from symcal.report.measured import fitted_before
 
     console = output()
@@ -116,7 +117,7 @@ def print_accuracy(content: Any) -> None:
         f"errors against {content['against']}{', truth: against exact poses' if 'truth' in content['accuracy'] else ''}"
     )
     console.print(f"{against}; before: nominal kinematics with {fitted_before(content)} fitted on the training data")
-    for warning in content["warnings"]:
+    for warning in warnings_beside(content):
         console.print(f"[bold]warning:[/bold] {escape(warning)}")
 
 

@@ -26,9 +26,16 @@ def decision_text(content: Content) -> dict[str, Any] | None:
     lines = [f"{_capital(reason['text'])}." for reason in decision["reasons"]]
     return {
         "accepted": False,
-        "title": "Refused: do not use these numbers",
+        "title": "Refused" if decision["tolerance"] else "Refused: do not use these numbers",
         "lines": [*lines, *_cautions(decision)],
     }
+
+
+def warnings_beside(content: Content) -> list[str]:
+    """Warnings of the results without those that the decision says."""
+    decision = content.get("decision", {"reasons": (), "cautions": ()})
+    said = {*(reason["text"] for reason in decision["reasons"]), *decision["cautions"]}
+    return [warning for warning in content.get("warnings", ()) if warning not in said]
 
 
 def _cautions(decision: Content) -> list[str]:

@@ -293,3 +293,15 @@ def test_without_test_poses_and_without_noise(configs: Path) -> None:
 
 def test_dollars_in_names_are_text() -> None:
     assert style.escaped("P$1$") == r"P\$1\$"
+
+
+def test_the_tolerance_is_drawn_where_it_is(position: Case) -> None:
+    """Within both panels, beyond the largest error too, and told in the caption."""
+    _, _, errors = position
+    for limit in (0.3, 50.0):
+        drawn = plots.error_distribution(errors["test"], limit=limit)
+        assert f"the tolerance, {number(limit)} mm" in drawn.caption
+        for axes in drawn.figure.axes[:2]:
+            assert [limit, limit] in [list(line.get_xdata()) for line in axes.lines]
+            assert axes.get_xlim()[0] <= limit <= axes.get_xlim()[1]
+    assert "tolerance" not in plots.error_distribution(errors["test"]).caption

@@ -12,6 +12,9 @@ import pytest
 from identifications import content_of, simulated, wired
 
 from symcal import plots
+from symcal.calibration.decision import Decision
+from symcal.calibration.reasons import Reason
+from symcal.calibration.tolerance import Tolerance
 from symcal.errors import InputError
 from symcal.plots.save import save_figures
 from symcal.report import Picture, verdict, write_report
@@ -40,6 +43,21 @@ def pictures(case: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pictu
 def _text(path: Path) -> str:
     pypdf = pytest.importorskip("pypdf", reason="pypdf, which reads PDF files back, is not installed")
     return " ".join("\n".join(page.extract_text() for page in pypdf.PdfReader(path).pages).split())
+
+
+def test_page_one_has_the_decision(content: dict[str, Any], tmp_path: Path) -> None:
+    """In a box of its own, and not once more among verdict and warnings."""
+    tolerance = Tolerance(0.05)
+    reasons = (Reason("position", "on the test poses [it] is too far off"), Reason("unsettled", "it did not converge"))
+    for decision in (Decision(tolerance, reasons, "", ("few poses judge",)), Decision(None, (), "it is better")):
+        found = {**content, "decision": decision.facts, "warnings": ["it did not converge", "a warning"]}
+        write_report(found, (), tmp_path / "report.pdf")
+        page = _text(tmp_path / "report.pdf")
+        assert page.count("It did not converge.") == (not decision.accepted)
+        assert page.count("it did not converge") == (1 if decision.accepted else 0)
+        assert ("On the test poses [it] is too far off." in page) != decision.accepted
+        assert ("Refused" in page, "Accepted" in page) == (not decision.accepted, decision.accepted)
+        assert "a warning" in page
 
 
 def test_pdf_has_the_numbers(content: dict[str, Any], pictures: tuple[Picture, ...], tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from symcal.calibration.tolerance import Of, taken_of
 from symcal.fit.estimation import Fit
 from symcal.fit.posterior import predicted_rms
 from symcal.model.model import Model, State
+from symcal.parameters import SCALE
 
 Array = NDArray[np.float64]
 
@@ -21,6 +22,9 @@ _DRAWS = 64
 def uncalibrated(state: State, q: Array, noise_mm: float = 0.0, noise_deg: float = 0.0) -> Sizes:
     """Rms errors of a robot whose every parameter is as far off as is plausible, over poses q, shape (N, dof).
 
+    Sizes that are stated smaller than the usual ones (`symcal.parameters.SCALE`) are taken as large as these: they say
+    how good a robot is, not how bad one may be.
+
     Args:
         state: where things stand. noise_mm, noise_deg: of the measurement, as it is stated, rms over whole readings.
     """
@@ -28,7 +32,8 @@ def uncalibrated(state: State, q: Array, noise_mm: float = 0.0, noise_deg: float
     index = model.parameters.indices(model.kinematic)
     if not index.size or len(q) == 0:
         return Sizes()
-    scales = model.parameters.scales[index]
+    usual = [SCALE.get(model.parameters.units[i], 0.0) for i in index]
+    scales = np.maximum(model.parameters.scales[index], usual)
     slopes = model.points(q, state.x, state.setup.vector)[1][:, :, index] * scales
     turns = model.flange(q, state.x, state.setup.vector[:24])[2][:, 3:, index] * scales
     points = slopes.shape[1] // 3

@@ -14,7 +14,7 @@ from symcal.calibration.foretold_errors import foremost, open_errors, uncalibrat
 from symcal.calibration.left_out import FOLDS, left_out
 from symcal.fit.estimation import Options
 from symcal.fit.held_out import folds_of
-from symcal.model.model import State
+from symcal.model.model import State, build_model
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +68,9 @@ def test_a_robot_that_was_never_calibrated(case: Case, rng: np.random.Generator)
     found = uncalibrated(state, q)
     assert found.mm == pytest.approx(10 * np.sqrt(np.mean(squares[0])), rel=0.1)
     assert found.deg == pytest.approx(10 * np.degrees(np.sqrt(np.mean(squares[1]))), rel=0.1)
+    stated = replace(model.task, scales=dict.fromkeys(model.kinematic, 1e-6))
+    other = build_model(model.robot, stated)
+    assert uncalibrated(State(other, calibration.setup, state.x), q).mm == pytest.approx(found.mm)
     assert uncalibrated(state, q, noise_mm=30.0).mm == pytest.approx(np.hypot(found.mm, 30.0))
 
 

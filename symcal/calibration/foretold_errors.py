@@ -22,8 +22,8 @@ _DRAWS = 64
 def uncalibrated(state: State, q: Array, noise_mm: float = 0.0, noise_deg: float = 0.0) -> Sizes:
     """Rms errors of a robot whose every parameter is as far off as is plausible, over poses q, shape (N, dof).
 
-    Sizes that are stated smaller than the usual ones (`symcal.parameters.SCALE`) are taken as large as these: they say
-    how good a robot is, not how bad one may be.
+    Sizes of links that are stated smaller than the usual ones (`symcal.parameters.SCALE`) are taken as large as these:
+    they say how good a robot is, not how bad one may be.
 
     Args:
         state: where things stand. noise_mm, noise_deg: of the measurement, as it is stated, rms over whole readings.
@@ -32,7 +32,8 @@ def uncalibrated(state: State, q: Array, noise_mm: float = 0.0, noise_deg: float
     index = model.parameters.indices(model.kinematic)
     if not index.size or len(q) == 0:
         return Sizes()
-    usual = [SCALE.get(model.parameters.units[i], 0.0) for i in index]
+    links = model.robot.link_parameters
+    usual = [SCALE[p.unit] if (p := model.parameters.items[i]).name in links else 0.0 for i in index]
     scales = np.maximum(model.parameters.scales[index], usual)
     slopes = model.points(q, state.x, state.setup.vector)[1][:, :, index] * scales
     turns = model.flange(q, state.x, state.setup.vector[:24])[2][:, 3:, index] * scales

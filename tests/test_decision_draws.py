@@ -12,5 +12,5 @@ def test_good_calibrations_are_accepted(kind: str) -> None:
 
 
 def test_a_robot_without_errors_gives_nothing_to_accept() -> None:
-    """Of 200 sets of it one was accepted."""
+    """Of 100 sets of it none was accepted."""
     assert accepted(KINDS["a perfect robot"], 5)[0] == 0

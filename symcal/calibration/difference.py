@@ -10,7 +10,7 @@ differ by d = x^_b - x^_a, with
     cov(d) = V_a + V_b + (W_a - W_b) T^2 (W_a - W_b)^T.
 
 The last term is there because the two are drawn differently where they know different things; T is the size of the
-truth: the largest of the two plausible sizes and of what the two estimates found, so that a parameter far beyond its
+truth: the plausible size, or what was found where that is more than twice as large, so that a parameter far beyond its
 plausible size (after a crash) raises no alarm by itself.
 
 What both determine: M = C^-1 - S^-2 is what the data alone tell, and the parallel sum
@@ -32,8 +32,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import fdtrc, stdtr, stdtrit
 
+from symcal.fit.posterior import MOST_DOF
 from symcal.words import MOSTLY
 
 Array = NDArray[np.float64]
@@ -43,6 +44,7 @@ LEVEL = 0.05
 
 _DETERMINED = 1.0  # information on a difference, in units of the plausible size
 _NO_INFORMATION = 1e-6  # in the same unit: rounding
+_FAR = 2.0  # plausible sizes beyond which an estimate says more of the size of the truth
 _SMALLEST = 1e-15  # share of the plausible variance that is left: rounding
 
 
@@ -70,7 +72,8 @@ class Difference:
         ``directions`` for equal robots. p: probability of one as large if the truth is the same; 1 without directions.
     each: the same of every parameter by itself, shape (n,), NaN where both do not mostly determine it. adjusted: after
         Holm over those that have one: below a level, the parameter differs at that simultaneous level.
-    dof: of the F law of the statistic. half_widths: of the central 95 % intervals of the single values, shape (n,).
+    dof: of the F law of the statistic, at most `symcal.fit.posterior.MOST_DOF`.
+    half_widths: of the central 95 % intervals of the single values, shape (n,).
     """
 
     values: Array
@@ -104,24 +107,25 @@ def difference(a: Estimate, b: Estimate, blind: Array | None = None) -> Differen
     scale = np.sqrt(a.sizes * b.sizes)
     (noise_a, drawn_a, told_a), (noise_b, drawn_b, told_b) = (_parts(of, scale) for of in (a, b))
     values = (b.mean - a.mean) / scale
-    size = np.maximum.reduce([a.sizes, b.sizes, np.abs(a.mean), np.abs(b.mean)]) / scale
+    plausible, found = np.maximum(a.sizes, b.sizes), np.maximum(np.abs(a.mean), np.abs(b.mean))
+    size = np.where(found > _FAR * plausible, found, plausible) / scale
     pull = (drawn_b - drawn_a) * size
     covariance = noise_a + noise_b + pull @ pull.T
     basis = _determined(told_a, told_b, None if blind is None else blind * scale)
     told = np.sum(basis**2, axis=1)
     k = basis.shape[1]
-    statistic, dof, p = 0.0, math.inf, 1.0
+    statistic, dof, p = 0.0, MOST_DOF, 1.0
     if k:
-        inner = np.linalg.cholesky(basis.T @ covariance @ basis)
+        inner: Array = np.linalg.cholesky(basis.T @ covariance @ basis).astype(np.float64)
         statistic = float(np.sum(np.linalg.solve(inner, basis.T @ values) ** 2))
         shares = [np.sum(_half(inner, basis, part)) / k for part in (noise_a, noise_b)]
         dof = float(_satterthwaite(shares[0], shares[1], a.dof, b.dof))
-        p = float(stats.chi2.sf(statistic, k) if math.isinf(dof) else stats.f.sf(statistic / k, k, dof))
+        p = float(fdtrc(k, dof, statistic / k))
     variance = np.diag(covariance)
     with np.errstate(invalid="ignore", divide="ignore"):
         parts = [np.nan_to_num(np.diag(part) / variance) for part in (noise_a, noise_b)]
         own_dof = _satterthwaite(parts[0], parts[1], a.dof, b.dof)
-        each = 2 * stats.t.sf(np.abs(values) / np.sqrt(variance), own_dof)
+        each = 2 * stdtr(own_dof, -np.abs(values) / np.sqrt(variance))
     each = np.where((told >= MOSTLY) & (variance > 0), each, np.nan)
     return Difference(
         values=values * scale,
@@ -133,7 +137,7 @@ def difference(a: Estimate, b: Estimate, blind: Array | None = None) -> Differen
         each=each,
         adjusted=holm(each),
         dof=dof,
-        half_widths=np.asarray(stats.t.ppf(0.975, own_dof) * np.sqrt(variance) * scale),
+        half_widths=np.asarray(stdtrit(own_dof, 0.975) * np.sqrt(variance) * scale),
     )
 
 
@@ -188,4 +192,4 @@ def _half(inner: Array, basis: Array, part: Array) -> Array:
 def _satterthwaite(first: Array | float, second: Array | float, dof_a: float, dof_b: float) -> Array:
     """Degrees of freedom of a sum of two variances, by the share of each."""
     with np.errstate(divide="ignore"):
-        return np.asarray(1 / (np.square(first) / dof_a + np.square(second) / dof_b))
+        return np.minimum(1 / (np.square(first) / dof_a + np.square(second) / dof_b), MOST_DOF)

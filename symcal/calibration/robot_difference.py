@@ -27,7 +27,7 @@ from symcal.robot.robot import Record, Robot
 Array = NDArray[np.float64]
 
 _NO_COVARIANCE = -1e-6  # least eigenvalue of a correlation matrix that is rounding
-_BARELY = 1e-12  # share not learnt below which a prior says nothing
+_BARELY = 1e-12  # share not learnt: below, it is rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +70,7 @@ def robot_difference(first: Robot, second: Robot) -> RobotDifference:
     names = tuple(name for name in free[0] if name in free[1])
     if not names:
         raise RefusedError("the two calibrations estimate no parameter of the robot in common: nothing to compare")
-    a, b = (_estimate(robot, record, names) for robot, record in zip((first, second), records, strict=True))
+    a, b = (_estimate(record, names) for record in records)
     slope = _growth(first, names) if not all(_sees_length(robot) for robot in (first, second)) else None
     found = difference(a, b, slope)
     return RobotDifference(
@@ -96,7 +96,7 @@ def _record(robot: Robot) -> Record:
     return robot.record
 
 
-def _estimate(robot: Robot, record: Record, names: tuple[str, ...]) -> Estimate:
+def _estimate(record: Record, names: tuple[str, ...]) -> Estimate:
     """What a calibration knows of parameters, whatever it knows of the others."""
     place = {name: i for i, name in enumerate(record.errors)}
     index = [place[name] for name in names]
@@ -106,25 +106,18 @@ def _estimate(robot: Robot, record: Record, names: tuple[str, ...]) -> Estimate:
         raise InputError("this is no covariance: was it changed by hand?", key="calibration.covariance")
     try:
         dof = float(record.provenance.get("dof") or math.inf)
-        sizes = [_size(robot, record, name, sigma) for name, sigma in zip(names, sigmas.tolist(), strict=True)]
-    except (TypeError, ValueError, AttributeError):
-        raise InputError("the calibration does not say what was learnt", key="calibration.provenance") from None
+        learnt = [float(record.provenance["learnt"][name]) for name in names]
+    except (TypeError, ValueError, LookupError):
+        message = "the calibration does not say what was learnt from the data: identify once more"
+        raise InputError(message, key="calibration.provenance.learnt") from None
+    sizes = [_size(share, sigma) for share, sigma in zip(learnt, sigmas.tolist(), strict=True)]
     mean = np.array([record.errors[name] for name in names])
     return Estimate(mean, (covariance + covariance.T) / 2, np.array(sizes), dof if dof > 0 else math.inf)
 
 
-def _size(robot: Robot, record: Record, name: str, sigma: float) -> float:
-    """Standard deviation of a parameter before the data.
-
-    learnt is one less the ratio of the variances after and before; where nothing is recorded or all was learnt, the
-    stated size, with the common factor.
-    """
-    stated = next(p for p in robot.described if p.name == name)
-    learnt = record.provenance.get("learnt", {}).get(name)
-    if learnt is not None and _BARELY < 1 - learnt <= 1:
-        return sigma / math.sqrt(1 - learnt)
-    factor = 1.0 if stated.group else float(record.provenance.get("size_factor") or 1.0)
-    return max(stated.scale * factor, sigma)
+def _size(learnt: float, sigma: float) -> float:
+    """Standard deviation of a parameter before the data: learnt is one less the ratio of the variances."""
+    return sigma / math.sqrt(min(max(1 - learnt, _BARELY), 1.0))
 
 
 def _loose(record: Record) -> set[str]:

@@ -24,7 +24,7 @@ from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
-_POSTURES = 2000
+_POSTURES = 1000
 _STEPS = 20
 _STILL = 1e-9  # mm: rms of a step's motion that ends the alignment
 _NULL = 1e-10  # share of the largest singular value: a motion that moves nothing
@@ -62,9 +62,9 @@ def tool_difference(
         _flange(robot, q, base, tool) for robot, base, tool in zip((first, second), bases, tools, strict=True)
     )
     at = pose[:, :3, 3]
-    apart = _aligned(other, at, tools[1], loose)
+    apart = _aligned(other, at, loose)
     index = [known.index(name) for name in names]
-    flat = _without(_motions(pose, loose), jacobian[:, :, index].reshape(-1, len(index)))
+    flat = _without(_motions(pose, loose), jacobian[:, :, index].reshape(3 * len(q), len(index)))
     sizes = np.linalg.norm(apart, axis=1)
     return ToolDifference(
         float(np.sqrt(np.mean(sizes**2))),
@@ -84,7 +84,7 @@ def _flange(robot: Robot, q: Array, base: Array, tool: Array) -> tuple[Array, Ar
     return pose, jacobian[:, :3], parameters.names
 
 
-def _aligned(pose: Array, wanted: Array, tool: Array, loose: Collection[str]) -> Array:
+def _aligned(pose: Array, wanted: Array, loose: Collection[str]) -> Array:
     """Positions less the wanted ones, shape (N, 3), after the best motion of base and tool."""
     moved = pose.copy()
     for _ in range(_STEPS if loose else 0):
@@ -92,7 +92,8 @@ def _aligned(pose: Array, wanted: Array, tool: Array, loose: Collection[str]) ->
         step = np.linalg.lstsq(motions, (wanted - moved[:, :3, 3]).ravel(), rcond=_NULL)[0]
         if np.sqrt(np.mean((motions @ step) ** 2)) < _STILL:
             break
-        base, point = (step[:6] if "base" in loose else np.zeros(6)), (step[-3:] if "tool" in loose else np.zeros(3))
+        base = np.asarray(step[:6] if "base" in loose else np.zeros(6), dtype=np.float64)
+        point = step[-3:] if "tool" in loose else np.zeros(3)
         moved[:, :3, 3] += moved[:, :3, :3] @ point
         moved = spatial.transform(Rotation.from_rotvec(base[3:]).as_matrix(), base[:3]) @ moved
     return np.asarray(moved[:, :3, 3] - wanted)

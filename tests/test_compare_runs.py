@@ -83,7 +83,7 @@ def tool_positions(robot: Robot, q: np.ndarray) -> np.ndarray:
         p = {k: link.parameters.get(k, 0.0) for k in ("alpha", "a", "beta", "theta", "d")}
         for axis, angle, along in (("x", p["alpha"], "a"), ("y", p["beta"], None), ("z", p["theta"] + reading, "d")):
             step = np.tile(np.eye(4), (len(q), 1, 1))
-            step[:, :3, :3] = Rotation.from_euler(axis, np.broadcast_to(angle, len(q))).as_matrix()
+            step[:, :3, :3] = Rotation.from_euler(axis, np.broadcast_to(angle, len(q))[:, None]).as_matrix()
             step[:, "xyz".index(axis), 3] = p[along] if along else 0.0
             where = where @ step
     return np.asarray((where @ robot.tool)[:, :3, 3])
@@ -94,7 +94,7 @@ def test_tools_are_as_far_apart_as_numpy_and_scipy_say():
     rng = np.random.default_rng(1)
     grip = shifted(np.array([30.0, -20.0, 90.0]))
     first = replace(ARM, tool=grip, base=random_frame(rng))
-    second = replace(ARM.corrected({"a_3": 0.3, "alpha_2": 4e-4}), tool=random_frame(rng), base=random_frame(rng))
+    second = replace(ARM.corrected({"a_3": 0.3, "alpha_2": 4e-4, "theta_1": 2e-3}), tool=random_frame(rng), base=random_frame(rng))
     q = np.random.default_rng(0).uniform(*ARM.ranges, (1000, 6))
     found = tool_difference(first, second, ("a_3",), np.zeros((1, 1)), BOTH)
     wanted, eye = tool_positions(replace(first, base=np.eye(4)), q), replace(second, base=np.eye(4))

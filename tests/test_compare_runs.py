@@ -94,7 +94,9 @@ def test_tools_are_as_far_apart_as_numpy_and_scipy_say():
     rng = np.random.default_rng(1)
     grip = shifted(np.array([30.0, -20.0, 90.0]))
     first = replace(ARM, tool=grip, base=random_frame(rng))
-    second = replace(ARM.corrected({"a_3": 0.3, "alpha_2": 4e-4, "theta_1": 2e-3}), tool=random_frame(rng), base=random_frame(rng))
+    second = replace(
+        ARM.corrected({"a_3": 0.3, "alpha_2": 4e-4, "theta_1": 2e-3}), tool=random_frame(rng), base=random_frame(rng)
+    )
     q = np.random.default_rng(0).uniform(*ARM.ranges, (1000, 6))
     found = tool_difference(first, second, ("a_3",), np.zeros((1, 1)), BOTH)
     wanted, eye = tool_positions(replace(first, base=np.eye(4)), q), replace(second, base=np.eye(4))

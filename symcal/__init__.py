@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from symcal.calibration.evaluate import evaluate as evaluate
     from symcal.calibration.evaluate import statistics as statistics
     from symcal.calibration.identify import identify as identify
+    from symcal.calibration.robot_difference import robot_difference as robot_difference
     from symcal.calibration.simulate import simulate as simulate
     from symcal.camera.board import Board as Board
     from symcal.camera.board import parse_board as parse_board
@@ -106,6 +107,7 @@ _HOME = {
     "save_urdf": "export",
     "Calibration": "calibration.calibrate",
     "identify": "calibration.identify",
+    "robot_difference": "calibration.robot_difference",
     "load_measurements": "data.measurement_file",
     "save_measurements": "data.saved_measurements",
     "Task": "model.task",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -55,9 +56,14 @@ def commands(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     (folder / "level.yaml").write_text(EXPERIMENT)
     again = EXPERIMENT[: EXPERIMENT.index("data:")] + "data: {source: file, file: run/measurements.csv}\n"
     (folder / "again.yaml").write_text(again)
-    path = {"PYTHONPATH": str(Path(__file__).parent), "MPLBACKEND": "Agg", "PATH": "/usr/bin:/bin"}
+    path = os.pathsep.join(filter(None, (str(Path(__file__).parent), os.environ.get("PYTHONPATH"))))
     done = subprocess.run(
-        [sys.executable, "-c", COMMANDS], cwd=folder, env=path, capture_output=True, text=True, check=False
+        [sys.executable, "-c", COMMANDS],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": path, "MPLBACKEND": "Agg"},
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stderr[-2000:]
     return folder, done.stdout

@@ -8,13 +8,14 @@ import sys
 from rich.console import Console
 
 from symcal.cli.app import app
+from symcal.cli.compare import compare
 from symcal.cli.deliver import compensate, export, import_, schema
 from symcal.cli.identify import check, identify, run, validate
 from symcal.cli.images import board, camera, measure
 from symcal.cli.plan import plan
 from symcal.errors import SymcalError
 
-for command in (run, plan, board, camera, measure, identify, check, validate, compensate, export):
+for command in (run, plan, board, camera, measure, identify, check, validate, compare, compensate, export):
     app.command()(command)
 app.command("import")(import_)
 app.command()(schema)

@@ -9,7 +9,7 @@ sin((q - m) / 2) = sin(w/4) (v - u). In particular 1 = sum_i w_i C(4, i) u^(4-i)
 
     f(q) = sum_i b_i N_i(q),     N_i = w_i C(4, i) u^(4-i) v^i >= 0,     sum_i N_i = 1
 
-([Sanchez-Reyes1998]). Over a length the same holds with u and v linear, degree two and weights of one (Bernstein).
+([Pena1997]). Over a length the same holds with u and v linear, degree two and weights of one (Bernstein).
 So f lies between the least and the largest b_i, takes b_0 and b_n at the ends, and rises strictly where the b_i do: its
 derivative is sum_{i<j} (b_j - b_i) (N_i N_j' - N_i' N_j), and N_j / N_i, a multiple of (v / u)^(j-i), rises. Halving
 the interval replaces b by convex combinations of b (de Casteljau), so rounding does not grow.

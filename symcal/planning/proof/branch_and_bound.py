@@ -38,8 +38,9 @@ class Bound:
     """The largest value of a polynomial over its working area.
 
     upper: proven; rounding is in it. value, pose: the largest value that was met, and where, shape (dof,); both None
-    where none above the known one was. threshold: up to which it was to be proven. open_share: of the area's volume,
-    where it was not. boxes: that were looked at, pieces of the joints' ranges among them. rounding: the margin.
+    where it is no larger than was to be proven: else the search had missed it. threshold: up to which it was proven
+    but for the open_share of the area's volume. boxes: that were looked at, pieces of the joints' ranges among them.
+    rounding: the margin for it.
     """
 
     upper: float
@@ -53,7 +54,7 @@ class Bound:
 
 @dataclass(frozen=True, slots=True)
 class _Box:
-    """Coefficients over a box. Per axis: the piece, how often it was halved and which of the parts this is, and the face
+    """Coefficients over a box. Per axis: the piece, how often it was halved, which of the parts this is, and the face
     it was collapsed to: -1 the lower, 1 the upper, 0 none."""
 
     coefficients: Array
@@ -65,13 +66,17 @@ class _Box:
 
 @dataclass(slots=True)
 class _Search:
-    """What is known so far. changes: to coefficients, by axis and piece. halvings: by axis and level."""
+    """What is known so far.
+
+    changes: to coefficients, by axis and piece. halvings: by axis and level. missed: values above it are worth telling.
+    """
 
     polynomial: TracePolynomial
     changes: list[list[Array]]
     slack: float
     rounding: float
     threshold: float
+    missed: float
     work: int = 0
     boxes: int = 0
     value: float | None = None
@@ -115,7 +120,9 @@ class _Search:
         corners = _corners(box.coefficients)
         best = float(corners.max())
         if best + self.slack > self.threshold:
-            self.threshold, self.value = best + self.slack, best
+            self.threshold = best + self.slack
+        if best > self.missed:
+            self.missed = self.value = best
             self.pose = self._place(box, np.unravel_index(int(np.argmax(corners)), corners.shape))
 
     def _place(self, box: _Box, side: tuple[np.intp, ...]) -> Array:
@@ -203,7 +210,7 @@ def largest_value(polynomial: TracePolynomial, known: float, slack: float, *, wo
     size = float(np.abs(polynomial.values).max())
     halved = 8 * _DEEPEST * UNIT * size * max(len(polynomial.axes), 1)
     changes = [[axis.change(k) for k in range(axis.pieces)] for axis in polynomial.axes]
-    search = _Search(polynomial, changes, slack, polynomial.rounding() + halved, known + slack)
+    search = _Search(polynomial, changes, slack, polynomial.rounding() + halved, known + slack, known + slack)
     tops = list(_tops(changes, polynomial.values, ()))
     # the hardest pieces come last: what others leave of their quota is theirs
     tried = sorted((top, piece) for piece, top in tops if top + search.rounding > search.threshold)
@@ -231,9 +238,7 @@ def _piece(search: _Search, which: tuple[int, ...]) -> _Box:
     return _Box(values, which, none, none, none)
 
 
-def _tops(
-    changes: list[list[Array]], values: Array, which: tuple[int, ...]
-) -> Iterator[tuple[tuple[int, ...], float]]:
+def _tops(changes: list[list[Array]], values: Array, which: tuple[int, ...]) -> Iterator[tuple[tuple[int, ...], float]]:
     """Every combination of the joints' pieces, and its largest coefficient."""
     if len(which) == len(changes):
         yield which, float(values.max())

@@ -39,8 +39,9 @@ _ENTRY = 64  # rounding of an entry of a change of basis, in units of u and of t
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """A joint that matters. ends: of equal pieces of its range, readings, shape (k + 1,); factor: angle per reading, positive.
+    """A joint that matters.
 
+    ends: of equal pieces of its range, readings, shape (k + 1,). factor: angle per reading, positive.
     limits: whether the first piece begins and the last one ends at a limit; no where the range is a whole circle.
     """
 

@@ -143,6 +143,8 @@ def trace_polynomial(
     if math.prod(shape) > MOST:
         raise RefusedError(f"{len(axes)} joints matter, which is out of reach")
     values, errors = _at_nodes(function, program, weight, area, axes)
+    if errors.max() > _AGREED * scale:
+        raise RefusedError("the information is so nearly singular that rounding is as large as what is to be proven")
     departure = float(np.abs(_interpolate(axes, values, trials) - true).max())
     if departure > _AGREED * scale:
         raise RefusedError("the information of a pose is not of degree two in sines and cosines of the joints")

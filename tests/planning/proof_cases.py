@@ -38,12 +38,12 @@ def arm(axes: int, seed: int, limit: float = 2.8, **joint) -> Robot:
     return Robot(f"arm_{axes}", "standard", links, tool=tool)
 
 
-def informed(robot: Robot, kind: str, *, base: bool = False, tool: bool = False, sigmas=None) -> PoseInformation:
+def informed(robot: Robot, kind: str, *, base: bool = False, tool: bool = False, area=None) -> PoseInformation:
     """Information of positions of the tool's origin, or of its poses; base and tool known or not."""
     parameters = parameter_set(robot, base=base, tool="frame" if tool and kind == "pose" else None)
     measurement = observe(kinematics.chain(robot, parameters), *Task.of(kind).observations)
     setup = Setup(robot.base, robot.tool, np.zeros((1, 3))) if kind == "position" else Setup(robot.base, robot.tool)
-    return pose_information(measurement, setup, sigmas or SIGMAS[kind])
+    return pose_information(measurement, setup, SIGMAS[kind], area=area)
 
 
 def exact_rows(info: PoseInformation, pose: np.ndarray) -> mp.matrix:

@@ -63,9 +63,7 @@ def drawn(rng, kinds, span=3.0) -> TracePolynomial:
 def brute_force(polynomial, per_axis=41):
     """The maximum by a dense grid and a polish of its best points."""
     area = polynomial.area
-    grid = np.array(
-        list(itertools.product(*(np.linspace(*ends, per_axis) for ends in zip(area.lower, area.upper, strict=False))))
-    )
+    grid = np.array(list(itertools.product(*np.linspace(area.lower, area.upper, per_axis).T)))
     values = polynomial(grid)
     best = grid[np.argsort(-values)[:20]]
     bounds = list(zip(area.lower, area.upper, strict=True))
@@ -91,9 +89,9 @@ def test_nodes_and_their_error_bounds_hold_in_forty_digits(make, rng):
 def test_a_polynomial_is_the_trace_everywhere(rng):
     """Against rows that the kernel gives, at poses that took no part: signs, ratios, lengths, circles, held joints."""
     geared = arm(4, 7, limit=4.0, sign=-1, ratio=2.0, offset=0.7)
-    held = informed(arm(4, 8), "pose", base=True, tool=True)
     area = WorkingArea(np.array([-1.0, 0.3, -2.0, -2.8]), np.array([1.0, 0.3, 2.0, 2.8]))
-    for info in (handling(), informed(geared, "position", base=True), replace(held, area=area), fr3()):
+    held = informed(arm(4, 8), "pose", base=True, tool=True, area=area)
+    for info in (handling(), informed(geared, "position", base=True), held, fr3()):
         polynomial, weight = polynomial_of(info, rng)
         poses = info.area.sample(rng, 300)
         rows = info.rows(poses)
@@ -184,7 +182,7 @@ def test_a_flat_polynomial_needs_no_joint(rng):
 def test_errors_of_operations_hold_in_forty_digits(rng):
     """Cancellation and products, against the same formula in mpmath."""
     x, y = ca.SX.sym("q", 2), ca.SX(1e8)
-    f = ca.sin(x[0]) * y - y * ca.sin(x[0] + 1e-9) + ca.sq(ca.cos(x[1])) * x[1] - x[1]
+    f = ca.sin(x[0]) * y - y * ca.sin(x[0] + 1e-9) + ca.cos(x[1]) ** 2 * x[1] - x[1]
     poses = rng.uniform(-3, 3, (20, 2))
     values, errors = evaluate(read_program(ca.Function("f", [x], [f])), poses)
     for pose, value, error in zip(poses, values[:, 0, 0], errors[:, 0, 0], strict=True):
@@ -192,7 +190,7 @@ def test_errors_of_operations_hold_in_forty_digits(rng):
             a, b, big = mp.mpf(float(pose[0])), mp.mpf(float(pose[1])), mp.mpf(10) ** 8
             exact = mp.sin(a) * big - big * mp.sin(a + mp.mpf(1e-9)) + mp.cos(b) ** 2 * b - b
             assert abs(exact - mp.mpf(float(value))) <= error < 1e-6
-    with pytest.raises(RefusedError, match="if_else|lt"):
+    with pytest.raises(RefusedError, match="contain"):
         evaluate(read_program(ca.Function("g", [x], [ca.if_else(x[0] < 0, x[0], 2.0)])), poses)
 
 

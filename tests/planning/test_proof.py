@@ -163,10 +163,10 @@ def test_a_planted_wrong_maximum_is_caught(rng):
 def test_little_work_leaves_a_share_open_and_the_bound_true(rng):
     polynomial = drawn(rng, "aal", span=6.0)
     true = brute_force(polynomial)
-    for work in (0, 2000, 20_000):
+    for work in (0, 20_000, 200_000):
         bound = largest_value(polynomial, true, 1e-9, work=work)
         assert bound.upper >= true - 1e-9
-        if work < 20_000:
+        if work < 200_000:
             assert 0 < bound.open_share <= 1
     assert largest_value(polynomial, true, 1e-5).open_share == 0
 
@@ -190,7 +190,7 @@ def test_errors_of_operations_hold_in_forty_digits(rng):
             a, b, big = mp.mpf(float(pose[0])), mp.mpf(float(pose[1])), mp.mpf(10) ** 8
             exact = mp.sin(a) * big - big * mp.sin(a + mp.mpf(1e-9)) + mp.cos(b) ** 2 * b - b
             assert abs(exact - mp.mpf(float(value))) <= error < 1e-6
-    with pytest.raises(RefusedError, match="contain"):
+    with pytest.raises(RefusedError, match="no polynomial"):
         evaluate(read_program(ca.Function("g", [x], [ca.if_else(x[0] < 0, x[0], 2.0)])), poses)
 
 

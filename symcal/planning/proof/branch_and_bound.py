@@ -26,8 +26,10 @@ from symcal.planning.proof.trace_polynomial import Axis, TracePolynomial, apply
 
 Array = NDArray[np.float64]
 
-WORK = 600_000_000
+WORK = 2_000_000_000
 """Coefficients that are looked at before the rest is left open: some 30 s. Not time, so that results repeat."""
+
+_PER_BOX = 10_000  # coefficients that could be looked at in the time that every box takes beside its own
 
 _ROUNDS = 2  # pieces whose quota was used up are tried again with what all others left
 _DEEPEST = 40  # halvings of a joint: beyond it, intervals are as narrow as rounding
@@ -98,7 +100,7 @@ class _Search:
                 continue
             axis = None
             if self.work - begun < quota:
-                self.work += box.coefficients.size
+                self.work += box.coefficients.size + _PER_BOX
                 self.boxes += 1
                 self._corners(box)
                 folded = self._fold(box)

@@ -70,5 +70,5 @@ def _operate(step: Operation, args: list[tuple[Array, Array]]) -> tuple[Array, A
         case "cos":
             return np.cos(a), da + _SINE
         case _:
-            raise RefusedError(f"the rows of a pose contain '{step.op}'")
+            raise RefusedError(f"the information of a pose is no polynomial of sines and cosines: it takes '{step.op}'")
     return z, (carried + UNIT * np.abs(z)) * _OWN

@@ -133,6 +133,7 @@ def trace_polynomial(
     program = read_program(function.expression)
     factors = np.where([joint.revolute for joint in joints], [abs(joint.ratio) for joint in joints], 1.0)
     trials = area.sample(rng, _TRIALS)
+    evaluate(program, trials[:1])  # refuses what can be no polynomial, however many joints matter
     true = function.weighted(trials, weight)
     scale = float(np.abs(true).max())
     if not np.isfinite(scale):

@@ -6,6 +6,7 @@ Seconds of the processor, of one core: for the plan with its search, and for the
 much less the proven D-efficiency is than the searched one.
 """
 
+# ruff: noqa: T201
 from __future__ import annotations
 
 import sys

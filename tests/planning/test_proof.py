@@ -24,6 +24,7 @@ from symcal.planning.area import WorkingArea
 from symcal.planning.certificate import certify
 from symcal.planning.criteria import criterion
 from symcal.planning.optimal_design import ApproximateDesign, optimal_design
+from symcal.planning.plan_problem import plan_problem
 from symcal.planning.proof import bernstein
 from symcal.planning.proof.branch_and_bound import largest_value
 from symcal.planning.proof.running_error import evaluate
@@ -31,6 +32,7 @@ from symcal.planning.proof.trace_polynomial import Axis, TracePolynomial, apply,
 from symcal.planning.region import area_region, region_accuracy
 from symcal.planning.search import select_poses
 from symcal.planning.worst_pose import FeasibleSet, feasible_set
+from symcal.runs.load import load
 
 D = criterion("D")
 
@@ -276,18 +278,23 @@ def test_other_criteria_with_a_bound_are_proven_too(name, rng):
     assert made.proof.criterion_efficiency <= reached + 1e-9
 
 
-def test_what_is_no_polynomial_is_not_proven(rng):
-    """A wire's directions, and joint terms, are of other degrees; the reason is said, and nothing else changes."""
+def test_joint_terms_are_not_proven(rng):
+    """Columns of a second harmonic are of a higher degree; the same arm without them is of degree two."""
     terms = informed(replace(six_axis(), terms=(Harmonics(2, True, k=(2,)),)), "position")
     where = feasible_set(terms.area, rng, 500)
     made = certify(terms, where.sample[:60], D, where, rng, tolerance=0.5, prove=True)
     assert made.proof is None
-    assert "degree two" in made.unproven
+    assert "more than degree two" in made.unproven
     assert "not proven" in made.statement
-    geometry = informed(six_axis(), "position")
-    assert trace_polynomial(
-        geometry.function, weight_of(geometry, rng), geometry.area, six_axis().joints, rng
-    ).values.size == 5 ** len(polynomial_of(geometry, rng)[0].axes)
+    assert polynomial_of(informed(six_axis(), "position"), rng)[0].departure < 1e-9
+
+
+@pytest.mark.parametrize("name", ["tracker_and_wire", "vision"])
+def test_distances_and_pixels_are_not_proven(name, configs, rng):
+    experiment = load(configs / f"{name}.yaml")
+    info = plan_problem(experiment.file, experiment.document, experiment.model, rng).info
+    with pytest.raises(RefusedError, match="no polynomial"):
+        trace_polynomial(info.function, np.eye(info.rank), info.area, info.measurement.chain.robot.joints, rng)
 
 
 def test_a_finite_set_needs_no_proof(rng):

@@ -70,5 +70,8 @@ def _operate(step: Operation, args: list[tuple[Array, Array]]) -> tuple[Array, A
         case "cos":
             return np.cos(a), da + _SINE
         case _:
-            raise RefusedError(f"the information of a pose is no polynomial of sines and cosines: it takes '{step.op}'")
+            raise RefusedError(
+                "the information of a pose is no polynomial of the joints' sines and cosines, as with distances, "
+                "pixels and contacts"
+            )
     return z, (carried + UNIT * np.abs(z)) * _OWN

@@ -130,35 +130,63 @@ def trace_polynomial(
     """
     if not isinstance(function, SubspaceRows):
         raise RefusedError("which points of a target are seen changes from pose to pose")
-    program = read_program(function.expression)
+    trace = _trace(function, weight)
     factors = np.where([joint.revolute for joint in joints], [abs(joint.ratio) for joint in joints], 1.0)
     trials = area.sample(rng, _TRIALS)
-    evaluate(program, trials[:1])  # refuses what can be no polynomial, however many joints matter
+    trace(trials[:1])  # refuses what can be no polynomial, however many joints matter
     true = function.weighted(trials, weight)
     scale = float(np.abs(true).max())
     if not np.isfinite(scale):
         raise RefusedError("the information of a pose is not finite everywhere")
-    moving = [i for i in range(area.dof) if area.span[i] > 0 and _matters(function, area, i, scale, weight, rng)]
+    moving = [i for i in range(area.dof) if area.span[i] > 0 and _matters(trace, area, i, scale, rng)]
     axes = tuple(_axis(i, joints[i], float(factors[i]), area) for i in moving)
     shape = tuple(len(axis.nodes) for axis in axes)
     if math.prod(shape) > MOST:
         raise RefusedError(f"{len(axes)} joints matter, which is out of reach")
-    values, errors = _at_nodes(function, program, weight, area, axes)
+    values, errors = _at_nodes(trace, area, axes)
     if errors.max() > _AGREED * scale:
         raise RefusedError("the information is so nearly singular that rounding is as large as what is to be proven")
     departure = float(np.abs(_interpolate(axes, values, trials) - true).max())
     if departure > _AGREED * scale:
-        raise RefusedError("the information of a pose is not of degree two in sines and cosines of the joints")
+        raise RefusedError(
+            "the information of a pose is of more than degree two in the joints' sines and cosines, as with joint terms"
+        )
     return TracePolynomial(area, axes, values, errors, departure)
 
 
-def _matters(
-    function: SubspaceRows, area: WorkingArea, i: int, scale: float, weight: Array, rng: np.random.Generator
-) -> bool:
+@dataclass(frozen=True, slots=True)
+class _Trace:
+    """tr(F W F^T) with bounds of its rounding errors. lifted: V W V^T; size: |V| |W| |V|^T, shape (p, p)."""
+
+    program: Program
+    lifted: Array
+    size: Array
+    sums: float
+
+    def __call__(self, poses: Array) -> tuple[Array, Array]:
+        """Values and bounds of their errors, shape (N,)."""
+        rows, doubt = evaluate(self.program, poses)
+        values = np.einsum("kmp,kmp->k", rows @ self.lifted, rows)
+        reach = np.abs(rows)
+        inner = (self.sums * reach + (2 + self.sums) * doubt) @ self.size
+        errors = np.einsum("kmp,kmp->k", inner, reach) + np.einsum("kmp,kmp->k", doubt @ self.size, doubt)
+        return values, 1.01 * errors
+
+
+def _trace(function: SubspaceRows, weight: Array) -> _Trace:
+    v, p = np.abs(function.basis), len(function.basis)
+    sums = (p + function.components * p + 2 * len(weight) + 16) * UNIT
+    lifted = function.basis @ weight @ function.basis.T
+    return _Trace(read_program(function.expression), lifted, v @ np.abs(weight) @ v.T, sums)
+
+
+def _matters(trace: _Trace, area: WorkingArea, i: int, scale: float, rng: np.random.Generator) -> bool:
+    """Whether turning a joint changes the trace by more than rounding can."""
     poses = np.repeat(area.sample(rng, _BASES)[None], bernstein.ANGLE, axis=0)
     poses[:, :, i] = np.linspace(area.lower[i], area.upper[i], bernstein.ANGLE)[:, None]
-    values = function.weighted(poses.reshape(-1, area.dof), weight).reshape(bernstein.ANGLE, -1)
-    return bool(np.ptp(values, axis=0).max() > _IDLE * scale)
+    values, errors = trace(poses.reshape(-1, area.dof))
+    change = float(np.ptp(values.reshape(bernstein.ANGLE, -1), axis=0).max())
+    return bool(change > max(_IDLE * scale, 2 * float(errors.max())))
 
 
 def _axis(i: int, joint: Joint, factor: float, area: WorkingArea) -> Axis:
@@ -173,23 +201,11 @@ def _axis(i: int, joint: Joint, factor: float, area: WorkingArea) -> Axis:
     return Axis(i, True, factor, np.linspace(low, high, pieces + 1), not whole)
 
 
-def _at_nodes(
-    function: SubspaceRows, program: Program, weight: Array, area: WorkingArea, axes: tuple[Axis, ...]
-) -> tuple[Array, Array]:
+def _at_nodes(trace: _Trace, area: WorkingArea, axes: tuple[Axis, ...]) -> tuple[Array, Array]:
     """f at all nodes and bounds of its rounding errors, both of the tensor's shape."""
     shape = tuple(len(axis.nodes) for axis in axes)
-    v = np.abs(function.basis)
-    lifted, size = function.basis @ weight @ function.basis.T, v @ np.abs(weight) @ v.T
-    m, p = function.components, len(lifted)
-    sums = (p + m * p + 2 * len(weight) + 16) * UNIT
-    values, errors = [], []
-    for poses in _node_poses(area, axes, shape):
-        rows, doubt = evaluate(program, poses)
-        values.append(np.einsum("kmp,kmp->k", rows @ lifted, rows))
-        reach = np.abs(rows)
-        inner = (sums * reach + (2 + sums) * doubt) @ size
-        errors.append(np.einsum("kmp,kmp->k", inner, reach) + np.einsum("kmp,kmp->k", doubt @ size, doubt))
-    return np.concatenate(values).reshape(shape), 1.01 * np.concatenate(errors).reshape(shape)
+    values, errors = zip(*(trace(poses) for poses in _node_poses(area, axes, shape)), strict=True)
+    return np.concatenate(values).reshape(shape), np.concatenate(errors).reshape(shape)
 
 
 def _node_poses(area: WorkingArea, axes: tuple[Axis, ...], shape: tuple[int, ...]) -> Iterator[Array]:

@@ -187,7 +187,7 @@ def print_plan(content: Any) -> None:
     ):
         cells = [found[key], *([random[key]] if random else [])]
         table.add_row(label, *("-" if value is None else f"{value:.4g}" for value in cells))
-        if proof is not None and key in _PROVEN:
+        if proof is not None and key in _PROVEN and proof[_PROVEN[key]] is not None:
             shown = f"{math.floor(proof[_PROVEN[key]] * 1e4) / 1e4:.4f}"
             table.add_row(f"{label.split(',')[0]}, proven", shown, *(["-"] if random else []))
     console.print(table)

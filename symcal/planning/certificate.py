@@ -27,8 +27,8 @@ from symcal.errors import RefusedError
 from symcal.planning.criteria import Criterion, criterion
 from symcal.planning.information import PoseInformation
 from symcal.planning.optimal_design import TOLERANCE, ApproximateDesign, optimal_design
-from symcal.planning.proof.branch_and_bound import WORK, Bound
-from symcal.planning.proof.proof import Ceiling, Proof, ceiling, d_efficiency, g_efficiency, maximum, slope_efficiency
+from symcal.planning.proof.branch_and_bound import WORK
+from symcal.planning.proof.proof import Ceiling, Proof, ceiling, prove_plan
 from symcal.planning.worst_pose import THOROUGH_SAMPLE, FeasibleSet, largest
 
 Array = NDArray[np.float64]
@@ -80,20 +80,18 @@ class Certificate:
             f"bound for criterion {self.criterion}: {bound}; maximum over the feasible set {how}"
         )
         if self.proof is not None:
-            own = self.proof.criterion_efficiency
-            bound = NONE_KNOWN if own is None else f"{_down(own):.4f}"
             left = "" if self.proof.complete else f", {self.proof.open_share:.2%} of the area open"
             return (
-                f"{said}; proven over the whole working area: D-efficiency at least "
-                f"{_down(self.proof.d_efficiency):.4f}, G-efficiency at least {_down(self.proof.g_efficiency):.4f}, "
-                f"bound for criterion {self.criterion}: {bound}{left}"
+                f"{said}; proven over the whole working area: D-efficiency at least {_down(self.proof.d_efficiency)}, "
+                f"G-efficiency at least {_down(self.proof.g_efficiency)}, bound for criterion {self.criterion}: "
+                f"{_down(self.proof.criterion_efficiency)}{left}"
             )
         return f"{said}; not proven: {self.unproven}" if self.unproven else said
 
 
-def _down(share: float) -> float:
+def _down(share: float | None) -> str:
     """Rounded down, so that a lower bound stays one."""
-    return math.floor(share * 1e4) / 1e4
+    return NONE_KNOWN if share is None else f"{math.floor(share * 1e4) / 1e4:.4f}"
 
 
 def certify(
@@ -126,8 +124,8 @@ def certify(
         design = optimal_design(info, by_d, where, ground, start, rng, tolerance=tolerance)
     top: Ceiling | None = None
     unproven = ""
-    (for_proof,) = rng.spawn(1)  # with or without a proof, the search is the same
     if prove and where.area is not None:
+        (for_proof,) = rng.spawn(1)  # what is searched is searched as without a proof
         try:
             top = ceiling(info, design, where, ground, for_proof, tolerance=tolerance, work=work)
         except RefusedError as error:
@@ -150,10 +148,9 @@ def certify(
         own = float(np.exp((merit.score(matrix) - upper) * merit.root))
     proof = None
     if top is not None:
-        bound_g, _ = maximum(info, inverse, float(values[0]), for_proof, work)
-        if bound_g.pose is not None and (where.feasible is None or where.feasible(bound_g.pose[None])[0]):
-            values, worst = np.array([bound_g.value]), bound_g.pose[None]
-        proof = _proof(info, poses, merit, matrix, inverse, ground, top, bound_g, best, for_proof, work)
+        proof, higher = prove_plan(info, poses, merit, top, float(values[0]), best, for_proof, work)
+        if higher is not None and (where.feasible is None or where.feasible(higher[None])[0]):
+            values, worst = info.function.weighted(higher[None], inverse), higher[None]
     return Certificate(
         d_efficiency_lower_bound=efficiency,
         g_efficiency=float(n / (values[0] + np.sum(inverse * ground))),
@@ -168,43 +165,6 @@ def certify(
         exhaustive=where.area is None,
         proof=proof,
         unproven=unproven,
-    )
-
-
-def _proof(
-    info: PoseInformation,
-    poses: Array,
-    merit: Criterion,
-    matrix: Array,
-    inverse: Array,
-    ground: Array,
-    top: Ceiling,
-    worst: Bound,
-    best: ApproximateDesign | None,
-    rng: np.random.Generator,
-    work: int,
-) -> Proof:
-    by_d = d_efficiency(info, poses, top.logdet)
-    missed = top.missed + (worst.pose is not None)
-    own: float | None = None
-    if merit.name in ("D", "O1"):
-        own = by_d**merit.root
-    elif best is not None:
-        slope = merit.slope(best.matrix)
-        known = 1.0 + best.excess - float(np.sum(slope * ground))
-        bound, _ = maximum(info, slope, known, rng, work)
-        own = slope_efficiency(merit, matrix, best, ground, bound.upper)
-        missed += bound.pose is not None
-    return Proof(
-        d_efficiency=by_d,
-        g_efficiency=g_efficiency(matrix, inverse, worst.upper, ground),
-        criterion_efficiency=own,
-        logdet_upper_bound=top.logdet,
-        open_share=top.bound.open_share,
-        boxes=top.bound.boxes,
-        joints=top.joints,
-        rounding=top.bound.rounding / info.rank,
-        missed=missed,
     )
 
 

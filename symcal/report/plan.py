@@ -100,13 +100,13 @@ def _comparison(content: Content) -> dict[str, Any]:
         made.insert(0, [f"efficiency by criterion {plan['criterion']}, at least", *cells])
     proof = plan["certificate"].get("proof")
     if proof is not None:
-        proven = [("D-efficiency, proven", proof["d_efficiency_lower_bound"])]
-        proven.append(("worst-pose (G) efficiency, proven", proof["g_efficiency_lower_bound"]))
-        if plan["criterion"] not in ("D", "O1") and proof["criterion_efficiency_lower_bound"] is not None:
-            label = f"efficiency by criterion {plan['criterion']}, proven"
-            proven.insert(0, (label, proof["criterion_efficiency_lower_bound"]))
+        proven = {"D-efficiency, proven": "d_efficiency_lower_bound"}
+        if plan["criterion"] not in ("D", "O1"):
+            proven[f"efficiency by criterion {plan['criterion']}, proven"] = "criterion_efficiency_lower_bound"
+        proven["worst-pose (G) efficiency, proven"] = "g_efficiency_lower_bound"
         blank = ["–"] if random is not None else []
-        made.extend([label, percent(share), *blank] for label, share in proven)
+        shown_as = {label: proof[key] for label, key in proven.items() if proof[key] is not None}
+        made.extend([label, percent(share), *blank] for label, share in shown_as.items())
     head = [f"this plan, {plural(plan['poses'], 'pose')}"]
     if random is not None:
         head.append(f"median of {random['plans']} random plans")

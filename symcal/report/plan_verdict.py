@@ -41,11 +41,12 @@ def _main(content: Content) -> str:
         how = "all of them were looked at"
     elif proof is not None:
         own = bound is not None and plan["criterion"] != "D"
+        found = bound if own else bound_d
         proven = proof["criterion_efficiency_lower_bound" if own else "d_efficiency_lower_bound"]
-        if proven > (bound if own else bound_d) - _LOOSER:
+        if proven is not None and proven > found - _LOOSER:
             how = "proven"
             bound, bound_d = proof["criterion_efficiency_lower_bound"], proof["d_efficiency_lower_bound"]
-        else:
+        elif proven is not None:
             how = f"searched; {percent(proven)} are proven"
     if plan["criterion"] == "D" or bound is None:
         text = f"These {n} poses are at least {percent(bound_d)} as good as {which} can be (D-efficiency, {how})"

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.errors import RefusedError
 from symcal.kernels.instructions import read_program
 from symcal.planning.criteria import Criterion, criterion
 from symcal.planning.information import PoseInformation
@@ -43,15 +44,15 @@ _REPAIRS = 3  # designs that are made anew because their search had missed a pos
 class Proof:
     """Bounds over the whole working area, whatever constraints take away from it.
 
-    d_efficiency, g_efficiency: proven lower bounds. criterion_efficiency: by the plan's own criterion; None where no
-    bound is known. logdet_upper_bound: of log det of the mean information per pose.
+    d_efficiency, g_efficiency: proven lower bounds. criterion_efficiency: by the plan's own criterion. The latter two
+    are None where no bound is known. logdet_upper_bound: of log det of the mean information per pose.
     open_share: of the working area's volume, where the bound of D is above what was to be proven (the bounds are true
     all the same). boxes: that were looked at, for D. joints: that matter. rounding: the margin for it, relative to n.
     missed: poses that the search had missed and the proof found.
     """
 
     d_efficiency: float
-    g_efficiency: float
+    g_efficiency: float | None
     criterion_efficiency: float | None
     logdet_upper_bound: float
     open_share: float
@@ -187,6 +188,58 @@ def d_efficiency(info: PoseInformation, poses: Array, ceiling: float) -> float:
     return float(np.exp((np.linalg.slogdet(matrix)[1] - margin - ceiling) / info.rank))
 
 
+def prove_plan(
+    info: PoseInformation,
+    poses: Array,
+    merit: Criterion,
+    top: Ceiling,
+    known: float,
+    best: ApproximateDesign | None,
+    rng: np.random.Generator,
+    work: int = WORK,
+) -> tuple[Proof, Array | None]:
+    """What is proven about a plan, shape (N, dof), and a pose that is worse for it than the worst that was found.
+
+    Args:
+        merit: its own criterion; best: a nearly optimal design for it, None without one. top: the bound by D.
+        known: the largest tr(I(x) M^-1) that a search found.
+    """
+    matrix, ground = info.total(poses) / len(poses), info.prior / len(poses)
+    inverse = np.linalg.inv(matrix)
+    inverse = 0.5 * (inverse + inverse.T)
+    of_d = d_efficiency(info, poses, top.logdet)
+    worst = _bounded(info, inverse, known, rng, work)
+    own = of_d**merit.root if merit.name in ("D", "O1") else None
+    other = None
+    if own is None and best is not None and merit.concave and merit.smooth:
+        slope = merit.slope(best.matrix)
+        rest = float(np.sum(slope * ground))
+        other = _bounded(info, slope, 1.0 + best.excess - rest, rng, work)
+        if other is not None:
+            upper = float(merit.score(best.matrix)) + float(np.log(other.upper + rest)) + _SCORED
+            own = float(np.exp((merit.score(matrix) - upper) * merit.root))
+    proof = Proof(
+        d_efficiency=of_d,
+        g_efficiency=None if worst is None else g_efficiency(matrix, inverse, worst.upper, ground),
+        criterion_efficiency=own,
+        logdet_upper_bound=top.logdet,
+        open_share=top.bound.open_share,
+        boxes=top.bound.boxes,
+        joints=top.joints,
+        rounding=top.bound.rounding / info.rank,
+        missed=top.missed + sum(each is not None and each.pose is not None for each in (worst, other)),
+    )
+    return proof, None if worst is None else worst.pose
+
+
+def _bounded(info: PoseInformation, weight: Array, known: float, rng: np.random.Generator, work: int) -> Bound | None:
+    """The bound of a trace; None where W is too nearly singular for one."""
+    try:
+        return maximum(info, weight, known, rng, work)[0]
+    except RefusedError:
+        return None
+
+
 def g_efficiency(matrix: Array, inverse: Array, largest: float, ground: Array) -> float:
     """The proven G-efficiency.
 
@@ -197,14 +250,3 @@ def g_efficiency(matrix: Array, inverse: Array, largest: float, ground: Array) -
     n, root = len(matrix), np.linalg.cholesky(matrix)
     off = float(np.linalg.norm(root.T @ inverse @ root - np.eye(n), 2)) * 2 + 64 * n * n * UNIT
     return (1.0 - off) * n / (largest + float(np.sum(inverse * ground)))
-
-
-def slope_efficiency(merit: Criterion, matrix: Array, best: ApproximateDesign, ground: Array, largest: float) -> float:
-    """The proven efficiency by a concave and smooth criterion.
-
-    Args:
-        best: a nearly optimal design; largest: a bound of tr(G I(x)) with the criterion's slope G there.
-    """
-    rest = float(np.sum(merit.slope(best.matrix) * ground))
-    upper = float(merit.score(best.matrix)) + float(np.log(largest + rest)) + _SCORED
-    return float(np.exp((merit.score(matrix) - upper) * merit.root))

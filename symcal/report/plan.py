@@ -153,8 +153,8 @@ def _how(content: Content) -> str:
         return f"{searched}; it holds up to what such a search misses and is not proven{why}."
     text = (
         f"{searched}. It is also proven over the whole working area, which {plural(proof['joints'], 'joint')} of the "
-        f"arm decide{'s' if proof['joints'] == 1 else ''}: the trace is a polynomial of their sines and cosines, and "
-        f"in {proof['boxes']} boxes it is nowhere larger, with a margin for rounding."
+        f"arm decide{'s' if proof['joints'] == 1 else ''}: what is maximised is a polynomial of their sines, cosines "
+        f"and lengths, and in {proof['boxes']} boxes it is nowhere larger by more than 0.01 %, rounding included."
     )
     if proof["open_share"]:
         text += (

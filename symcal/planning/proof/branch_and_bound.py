@@ -21,7 +21,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.planning.proof.running_error import UNIT
 from symcal.planning.proof.trace_polynomial import Axis, TracePolynomial, apply
 
 Array = NDArray[np.float64]
@@ -209,10 +208,8 @@ def largest_value(polynomial: TracePolynomial, known: float, slack: float, *, wo
             proven is that no value exceeds ``known + slack``.
         work: coefficients to look at before the rest is left open.
     """
-    size = float(np.abs(polynomial.values).max())
-    halved = 8 * _DEEPEST * UNIT * size * max(len(polynomial.axes), 1)
     changes = [[axis.change(k) for k in range(axis.pieces)] for axis in polynomial.axes]
-    search = _Search(polynomial, changes, slack, polynomial.rounding() + halved, known + slack, known + slack)
+    search = _Search(polynomial, changes, slack, polynomial.rounding(_DEEPEST), known + slack, known + slack)
     tops = list(_tops(changes, polynomial.values, ()))
     # the hardest pieces come last: what others leave of their quota is theirs
     tried = sorted((top, piece) for piece, top in tops if top + search.rounding > search.threshold)

@@ -100,13 +100,22 @@ class TracePolynomial:
         """The polynomial at poses (N, dof), shape (N,)."""
         return _interpolate(self.axes, self.values, poses)
 
-    def rounding(self) -> float:
-        """How far a coefficient over any piece may be from the exact one, with rounding in its calculation."""
-        reach = self.errors + (_ENTRY + 2 * bernstein.ANGLE) * max(len(self.axes), 1) * UNIT * np.abs(self.values).max()
+    def rounding(self, halvings: int) -> float:
+        """How far a coefficient may be from the exact one, over any piece and after as many halvings of every joint."""
+        entry = (_ENTRY + 2 * bernstein.ANGLE) * len(self.axes) * UNIT
+        largest = self._reach(np.abs(self.values))
+        return (
+            self._reach(self.errors + entry * np.abs(self.values).max())
+            + self.departure
+            + (8 * halvings * len(self.axes) * UNIT * largest)
+        )
+
+    def _reach(self, sizes: Array) -> float:
+        """The largest coefficient over any piece that values of these sizes can have."""
         for i, axis in enumerate(self.axes):
             size = np.max([np.abs(axis.change(k)) for k in range(axis.pieces)], axis=0)
-            reach = apply(size, reach, i)
-        return float(reach.max()) + self.departure
+            sizes = apply(size, sizes, i)
+        return float(sizes.max())
 
 
 def apply(matrix: Array, tensor: Array, axis: int) -> Array:

@@ -18,6 +18,8 @@ from symcal.planning.ordering import shortest_tour
 from symcal.planning.plan_file import read_plan
 from symcal.planning.plan_problem import plan_problem
 from symcal.planning.results import constraint_facts, order_facts
+from symcal.report.plan import plan_text
+from symcal.report.plan_verdict import plan_verdict
 from symcal.robot.files import load_robot
 from symcal.runs.load import load
 from symcal.runs.plan import plan_experiment, run_plan
@@ -97,6 +99,32 @@ def test_results_say_what_they_must(small):
     assert 0.9 < row["bound_worst_mm"] / (plan["noise_sigma_mm"] * np.sqrt(11 / 12)) < 1
     assert sum(found["order"]["segments"].values()) == 12
     assert found["order"]["time_s"] > 0
+
+
+def test_only_what_is_proven_is_called_so(small):
+    """Verdict, report and table, with the proof, with a loose one, without, and over candidates."""
+    facts = content(small)
+    certificate = facts["plan"]["certificate"]
+    proof = certificate["proof"]
+    assert proof["open_share"] == 0
+    assert 0.9 < proof["d_efficiency_lower_bound"] <= facts["plan"]["d_efficiency_lower_bound"]
+    assert "(D-efficiency, proven)" in plan_verdict(facts)[0]
+    assert "proven over the whole working area" in plan_text(facts)["bounds"]
+
+    def said(**changed) -> str:
+        own = facts | {"plan": facts["plan"] | {"certificate": certificate | changed}}
+        text = plan_text(own)
+        return " ".join([*text["verdict"], text["bounds"], *(row[0] for row in text["comparison"]["rows"])])
+
+    loose = said(proof=proof | {"d_efficiency_lower_bound": 0.5, "open_share": 0.25, "missed": 2})
+    assert "searched; 50.0 % are proven" in loose
+    assert "In 25 % of the area" in loose
+    assert "2 poses that the search had missed" in loose
+    without = said(proof=None, unproven="for a reason")
+    assert "(D-efficiency, searched, not proven)" in without
+    assert "is not proven: for a reason." in without
+    assert "proven" not in without.replace("not proven", "")
+    assert "proven" not in said(proof=None, exhaustive=True)
 
 
 def test_promise_falls_with_the_poses_and_keeps_above_its_bound(small):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -176,12 +177,16 @@ def _known(known: Any) -> list[str]:
     return lines
 
 
+_PROVEN = {"d_efficiency_lower_bound": "d_efficiency_lower_bound", "g_efficiency": "g_efficiency_lower_bound"}
+
+
 def print_plan(content: Any) -> None:
     """How good a plan is, and how good random ones are."""
     from symcal.report.plan_verdict import plan_verdict
 
     console = output()
     console.print(escape(plan_verdict(content)[0]))
+    proof = content["plan"]["certificate"].get("proof")
     found, random = content["plan"], content["plan"]["random"]
     table = Table("", "this plan", *(["random (median)"] if random else []), box=None, pad_edge=False)
     for key, label in (
@@ -192,6 +197,9 @@ def print_plan(content: Any) -> None:
     ):
         cells = [found[key], *([random[key]] if random else [])]
         table.add_row(label, *("-" if value is None else f"{value:.4g}" for value in cells))
+        if proof is not None and key in _PROVEN and proof[_PROVEN[key]] is not None:
+            shown = f"{math.floor(proof[_PROVEN[key]] * 1e4) / 1e4:.4f}"
+            table.add_row(f"{label.split(',')[0]}, proven", shown, *(["-"] if random else []))
     console.print(table)
     _print_instruments(console, content.get("instruments", []))
     for warning in content["warnings"]:

@@ -250,7 +250,8 @@ class PlanConfig(Strict):
     region: where accuracy matters. start: joint readings where the robot begins. speeds: by joint name, instead of the
     robot file's. required: poses that the plan must have, as lists of readings or a CSV file. candidates: a CSV file
     of poses (or measurements) to choose from. distance: between any two poses, in units of the working area.
-    random: random plans to compare with. compare: further methods whose efficiency over time is reported.
+    random: random plans to compare with. prove: prove how good the plan is, instead of searching for better ones, where
+    that is possible. compare: further methods whose efficiency over time is reported.
     sample: poses that stand for the feasible set. instruments: sets of them, by their names, that are compared at the
     plan's poses; each alone and all together unless named.
     """
@@ -274,6 +275,7 @@ class PlanConfig(Strict):
     constraints: Constraints = Constraints()
     genetic: GeneticConfig = GeneticConfig()
     random: Annotated[int, Field(ge=0)] = 200
+    prove: bool = False
     compare: list[MethodName] = []
     promise: PromiseConfig = PromiseConfig()
     sample: Annotated[int, Field(ge=100)] = 5000

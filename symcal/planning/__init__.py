@@ -1,1 +1,1 @@
-"""Which poses to measure, how many, and a proof of how good they are."""
+"""Which poses to measure, how many, and how good they are at least."""

@@ -9,20 +9,26 @@ M is the plan's mean information per pose, n its size. With an approximate desig
 
 (the two are different figures). For another concave criterion psi, homogeneous of degree one, psi(M*) <= psi(M_a) max_x
 tr(grad log psi(M_a) I(x)). The maxima over the feasible set are *searched*, by dense sampling and polish with exact
-derivatives (`symcal.planning.worst_pose`): the bounds are proven up to what such a search misses. Distances between
-poses and poses that the user insists on do not enter the bounds, which are then pessimistic, never wrong.
+derivatives (`symcal.planning.worst_pose`): the bounds hold up to what such a search misses. Where it is asked for and
+possible they are *proven* too (`symcal.planning.proof`): for positions and poses with noise that is constant in world
+or tool. Distances between poses and poses that the user insists on do not enter the bounds, which are then pessimistic,
+never wrong.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.errors import RefusedError
 from symcal.planning.criteria import Criterion, criterion
 from symcal.planning.information import PoseInformation
 from symcal.planning.optimal_design import TOLERANCE, ApproximateDesign, optimal_design
+from symcal.planning.proof.branch_and_bound import WORK
+from symcal.planning.proof.proof import Ceiling, Proof, ceiling, prove_plan
 from symcal.planning.worst_pose import THOROUGH_SAMPLE, FeasibleSet, largest
 
 Array = NDArray[np.float64]
@@ -34,7 +40,7 @@ _REGULAR = 1e12  # condition number of an information matrix that can be inverte
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """What is proven about a plan.
+    """How good a plan is at least: as far as it was searched, and as far as it is proven.
 
     d_efficiency_lower_bound, g_efficiency: see the module. worst_pose: where tr(I M^-1) is largest, shape (dof,).
     logdet_upper_bound: of log det of the mean information per pose of any plan. gap: max_x tr(I M_a^-1) - n.
@@ -42,6 +48,7 @@ class Certificate:
     where no bound is known. design: the approximate design behind the D bound; own_design: the same for the plan's own
     criterion, None without a bound.
     searched: poses that the maximum was taken over; exhaustive: these are the whole feasible set.
+    proof: what is proven; None where nothing was asked to be, or can be: `unproven` then says why, in a few words.
     """
 
     d_efficiency_lower_bound: float
@@ -55,6 +62,8 @@ class Certificate:
     own_design: ApproximateDesign | None
     searched: int
     exhaustive: bool
+    proof: Proof | None = None
+    unproven: str = ""
 
     @property
     def statement(self) -> str:
@@ -66,10 +75,23 @@ class Certificate:
         )
         own = self.criterion_efficiency_lower_bound
         bound = NONE_KNOWN if own is None else f"{own:.3f}"
-        return (
+        said = (
             f"D-efficiency at least {self.d_efficiency_lower_bound:.3f}, G-efficiency {self.g_efficiency:.3f}, "
             f"bound for criterion {self.criterion}: {bound}; maximum over the feasible set {how}"
         )
+        if self.proof is not None:
+            left = "" if self.proof.complete else f", {self.proof.open_share:.2%} of the area open"
+            return (
+                f"{said}; proven over the whole working area: D-efficiency at least {_down(self.proof.d_efficiency)}, "
+                f"G-efficiency at least {_down(self.proof.g_efficiency)}, bound for criterion {self.criterion}: "
+                f"{_down(self.proof.criterion_efficiency)}{left}"
+            )
+        return f"{said}; not proven: {self.unproven}" if self.unproven else said
+
+
+def _down(share: float | None) -> str:
+    """Rounded down, so that a lower bound stays one."""
+    return NONE_KNOWN if share is None else f"{math.floor(share * 1e4) / 1e4:.4f}"
 
 
 def certify(
@@ -81,6 +103,8 @@ def certify(
     *,
     designs: tuple[ApproximateDesign | None, ApproximateDesign | None] = (None, None),
     tolerance: float = TOLERANCE,
+    prove: bool = False,
+    work: int = WORK,
 ) -> Certificate:
     """The certificate of a plan.
 
@@ -88,6 +112,8 @@ def certify(
         poses: the plan, shape (N, dof). merit: the criterion that it was made for.
         where: the feasible set with a dense sample. tolerance: of the bounds' slack, relative.
         designs: D-optimal and optimal for ``merit``, for as many poses and the same set, if they are known already.
+        prove: bound the maxima, instead of only searching them; a pose that the search missed then joins the design.
+        work: of every proof, see `symcal.planning.proof.branch_and_bound.largest_value`.
     """
     n, count = info.rank, len(poses)
     ground, matrix = info.prior / count, info.total(poses) / count
@@ -96,10 +122,21 @@ def certify(
     design, best = designs
     if design is None:
         design = optimal_design(info, by_d, where, ground, start, rng, tolerance=tolerance)
+    top: Ceiling | None = None
+    unproven = ""
+    if prove and where.area is not None:
+        (for_proof,) = rng.spawn(1)  # what is searched is searched as without a proof
+        try:
+            top = ceiling(info, design, where, ground, for_proof, tolerance=tolerance, work=work)
+        except RefusedError as error:
+            unproven = str(error)
+        else:
+            design, where = top.design, top.where
     gap = n * max(design.excess, 0.0)
     bound = float(by_d.value(design.matrix)) + gap
     efficiency = float(np.exp((by_d.value(matrix) - bound) / n))
     inverse = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+    inverse = 0.5 * (inverse + inverse.T)
     values, worst = largest(info.function, inverse, where, rng, thorough=True)
     own: float | None = None
     if merit.name in ("D", "O1"):
@@ -109,6 +146,11 @@ def certify(
             best = optimal_design(info, merit, where, ground, start, rng, tolerance=tolerance)
         upper = float(merit.score(best.matrix)) + np.log1p(max(best.excess, 0.0))
         own = float(np.exp((merit.score(matrix) - upper) * merit.root))
+    proof = None
+    if top is not None:
+        proof, higher = prove_plan(info, poses, merit, top, float(values[0]), best, for_proof, work)
+        if higher is not None and (where.feasible is None or where.feasible(higher[None])[0]):
+            values, worst = info.function.weighted(higher[None], inverse), higher[None]
     return Certificate(
         d_efficiency_lower_bound=efficiency,
         g_efficiency=float(n / (values[0] + np.sum(inverse * ground))),
@@ -121,6 +163,8 @@ def certify(
         own_design=best,
         searched=len(where.sample) + (0 if where.area is None else THOROUGH_SAMPLE),
         exhaustive=where.area is None,
+        proof=proof,
+        unproven=unproven,
     )
 
 

@@ -77,12 +77,14 @@ def search(
     *,
     required: Array | None = None,
     random: int = 0,
+    prove: bool = False,
     progress: Progress = lambda _: None,
 ) -> Plan:
     """`select_poses` on a problem with one method.
 
     Args:
         required: instead of the problem's. random: plans to compare with.
+        prove: the certificate's bounds, see `select_poses`.
     """
     name = wanted.criterion or ("D" if problem.candidates is None else "J")
 
@@ -105,6 +107,7 @@ def search(
         distance=wanted.distance,
         sample=wanted.sample,
         random=random,
+        prove=prove,
         progress=told,
     )
 
@@ -171,7 +174,9 @@ def covering_plan(
     cells = None if cover is None else _cells(problem, cover, wanted.poses, for_cells)
     streams = for_search.spawn(wanted.poses + 1)
     for stream in streams:
-        plan = search(problem, wanted, method, stream, required=must, random=wanted.random, progress=progress)
+        plan = search(
+            problem, wanted, method, stream, required=must, random=wanted.random, prove=wanted.prove, progress=progress
+        )
         if cells is None or cover is None:
             return plan, len(must)
         made, sample = cells

@@ -20,6 +20,7 @@ from symcal.planning.accuracy_forecast.random_band import RandomBand
 from symcal.planning.constraints import complaints
 from symcal.planning.drive_plan import Planned
 from symcal.planning.plan_problem import PlanProblem
+from symcal.planning.proof.proof import Proof
 from symcal.planning.sampling import feasible_shares
 from symcal.planning.search import Plan
 from symcal.robot.robot import Robot
@@ -51,6 +52,8 @@ def plan_facts(plan: Plan, measurement: Measurement) -> dict[str, Any]:
             "gap": proof.gap,
             "searched": proof.searched,
             "exhaustive": proof.exhaustive,
+            "proof": proof_facts(proof.proof),
+            "unproven": proof.unproven,
         },
         "random": None,
     }
@@ -65,6 +68,22 @@ def plan_facts(plan: Plan, measurement: Measurement) -> dict[str, Any]:
     return out
 
 
+def proof_facts(proof: Proof | None) -> dict[str, Any] | None:
+    """What is proven; None where nothing is."""
+    if proof is None:
+        return None
+    return {
+        "d_efficiency_lower_bound": proof.d_efficiency,
+        "g_efficiency_lower_bound": proof.g_efficiency,
+        "criterion_efficiency_lower_bound": proof.criterion_efficiency,
+        "open_share": proof.open_share,
+        "boxes": proof.boxes,
+        "joints": proof.joints,
+        "rounding": proof.rounding,
+        "missed": proof.missed,
+    }
+
+
 def _finite(value: float) -> float | None:
     """JSON has no infinity; random plans that determine nothing have an infinite error."""
     return value if math.isfinite(value) else None
@@ -73,7 +92,7 @@ def _finite(value: float) -> float | None:
 def efficiency_over_time(plan: Plan, best: float | None = None) -> list[tuple[float, float]]:
     """(seconds, efficiency by the plan's own criterion) of the best plan so far.
 
-    For D it is the proven lower bound, as for all criteria that have one; for the others the ratio to ``best``, the
+    For D it is the searched lower bound, as for all criteria that have one; for the others the ratio to ``best``, the
     best value that any method found, is all there is.
     """
     proof = plan.certificate
@@ -91,7 +110,7 @@ def efficiency_over_time(plan: Plan, best: float | None = None) -> list[tuple[fl
 
 
 def has_bound(plan: Plan) -> bool:
-    """Whether anything is proven about the plan by its own criterion."""
+    """Whether there is a bound for the plan by its own criterion."""
     return plan.certificate.criterion_efficiency_lower_bound is not None
 
 

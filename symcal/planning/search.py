@@ -17,6 +17,7 @@ from symcal.planning.certificate import Certificate, certify
 from symcal.planning.criteria import criterion as criterion_by_name
 from symcal.planning.information import PoseInformation
 from symcal.planning.methods import METHODS, Method, SearchTask, fewest_poses, improve
+from symcal.planning.optimal_design import TOLERANCE
 from symcal.planning.region import TaskRegion, area_region, region_accuracy
 from symcal.planning.worst_pose import FeasibleSet, feasible_set
 
@@ -24,6 +25,8 @@ Array = NDArray[np.float64]
 
 SAMPLE = 5000
 """Poses that stand for the feasible set: the pool of an exchange, and where every search of a maximum starts."""
+PROVEN_TOLERANCE = 2e-4
+"""Excess at which the search for a design stops whose bounds are to be proven."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +72,7 @@ def select_poses(
     distance: float = 0.0,
     sample: int = SAMPLE,
     random: int = 200,
+    prove: bool = False,
     methods: Mapping[str, Method] = METHODS,
     progress: Callable[[float, float], None] | None = None,
 ) -> Plan:
@@ -135,13 +139,18 @@ def select_poses(
         raise RefusedError(
             f"{count} poses of method '{method}' do not determine the {info.rank} identifiable directions"
         )
-    certificate = certify(info, poses, merit, where, for_certificate)
+    tolerance = PROVEN_TOLERANCE if prove else TOLERANCE
+    certificate = certify(info, poses, merit, where, for_certificate, tolerance=tolerance)
+    known = (certificate.design, certificate.own_design)
     if method == "certified" and certificate.own_design is not None and task.count:
         better = improve(task, found, certificate.own_design, for_search, report)
         if better is not found:
             found, poses = better, np.concatenate([must, better])
-            known = (certificate.design, certificate.own_design)
             certificate = certify(info, poses, merit, where, for_certificate, designs=known)
+    if prove:
+        certificate = certify(
+            info, poses, merit, where, for_certificate, designs=known, tolerance=tolerance, prove=True
+        )
     seconds = time.perf_counter() - began
 
     compared = None

@@ -48,7 +48,7 @@ def plan_text(content: Content) -> dict[str, Any]:
         "verdict": plan_verdict(content),
         "warnings": list(content["warnings"]),
         "comparison": _comparison(content),
-        "proof": _proof(content),
+        "bounds": _bounds(content),
         "unseen": [entry["text"].replace("-", "\N{MINUS SIGN}") for entry in content["identifiability"]["unseen"]],
         "promise": "How many poses" if content["promise"] is not None else "What is foretold",
         "needed": _needed(content),
@@ -98,31 +98,28 @@ def _comparison(content: Content) -> dict[str, Any]:
     if plan["criterion"] not in ("D", "O1"):
         cells = ["none known" if own is None else percent(own), *(["–"] if random is not None else [])]
         made.insert(0, [f"efficiency by criterion {plan['criterion']}, at least", *cells])
+    proof = plan["certificate"].get("proof")
+    if proof is not None:
+        proven = {"D-efficiency, proven": "d_efficiency_lower_bound"}
+        if plan["criterion"] not in ("D", "O1"):
+            proven[f"efficiency by criterion {plan['criterion']}, proven"] = "criterion_efficiency_lower_bound"
+        proven["worst-pose (G) efficiency, proven"] = "g_efficiency_lower_bound"
+        blank = ["–"] if random is not None else []
+        shown_as = {label: proof[key] for label, key in proven.items() if proof[key] is not None}
+        made.extend([label, percent(share), *blank] for label, share in shown_as.items())
     head = [f"this plan, {plural(plan['poses'], 'pose')}"]
     if random is not None:
         head.append(f"median of {random['plans']} random plans")
     return {"head": head, "rows": made}
 
 
-def _proof(content: Content) -> str:
+def _bounds(content: Content) -> str:
     plan, seen = content["plan"], content["identifiability"]
-    proof = plan["certificate"]
-    pool = content.get("pool")
-    how = (
-        (
-            f"over all {proof['searched']} postures of a pool, random ones moved until they touch: it holds for this "
-            "pool, not for every posture that could touch"
-            if pool and not content["candidates"]
-            else f"over all {proof['searched']} candidates, which are the whole set"
-        )
-        if proof["exhaustive"]
-        else f"searched over {proof['searched']} sampled poses, limits and corners among them, and polished with exact "
-        "derivatives: proven up to what such a search misses"
-    )
+    how = _how(content)
     text = (
         "The D-efficiency compares the information of the plan, as a geometric mean over all directions, with an upper "
         "bound for any plan, by the equivalence theorem of optimal design: a plan with half the efficiency needs twice "
-        f"the poses for the same precision. The maximum behind the bound is {how}. The worst-pose efficiency is "
+        f"the poses for the same precision. The maximum behind the bound is {how} The worst-pose efficiency is "
         "another figure: how near the largest variance of a foretold measurement over the feasible poses is to the "
         f"smallest possible one. The plan speaks about {plan['rank']} of "
         f"{plural(seen['parameters'], 'parameter direction')}"
@@ -134,6 +131,41 @@ def _proof(content: Content) -> str:
         f"; {hidden} cannot be seen by any plan of this measurement at this noise, and an identification will leave "
         f"{'it' if hidden == 1 else 'them'} near nominal:"
     )
+
+
+def _how(content: Content) -> str:
+    """How the maximum behind the bounds was found, and what is proven of it; a sentence's end, or more."""
+    certificate, pool = content["plan"]["certificate"], content.get("pool")
+    if certificate["exhaustive"]:
+        if pool and not content["candidates"]:
+            return (
+                f"over all {certificate['searched']} postures of a pool, random ones moved until they touch: it holds "
+                "for this pool, not for every posture that could touch."
+            )
+        return f"over all {certificate['searched']} candidates, which are the whole set."
+    searched = (
+        f"searched over {certificate['searched']} sampled poses, limits and corners among them, and polished with "
+        "exact derivatives"
+    )
+    proof = certificate.get("proof")
+    if proof is None:
+        why = f": {certificate['unproven']}" if certificate.get("unproven") else ""
+        return f"{searched}; it holds up to what such a search misses and is not proven{why}."
+    text = (
+        f"{searched}. It is also proven over the whole working area, which {plural(proof['joints'], 'joint')} of the "
+        f"arm decide{'s' if proof['joints'] == 1 else ''}: what is maximised is a polynomial of their sines, cosines "
+        f"and lengths, and in {proof['boxes']} boxes it is nowhere larger by more than 0.01 %, rounding included."
+    )
+    if proof["open_share"]:
+        text += (
+            f" In {100 * proof['open_share']:.2g} % of the area it may be larger than what was to be proven; the "
+            "proven figures hold all the same."
+        )
+    if content["constraints"]["feasible_share_of_each_alone"]:
+        text += " Constraints are left out of the proof, which makes it loose, never wrong."
+    if proof["missed"]:
+        text += f" The proof met {plural(proof['missed'], 'pose')} that the search had missed."
+    return text
 
 
 def _needed(content: Content) -> list[list[str]]:

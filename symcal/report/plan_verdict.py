@@ -1,4 +1,4 @@
-"""The verdict of a plan in plain words: what is proven, what is foretold, and no more."""
+"""The verdict of a plan in plain words: how good it is at least, what is foretold, and no more."""
 
 from __future__ import annotations
 
@@ -34,17 +34,31 @@ def _main(content: Content) -> str:
     pool = content.get("pool")
     which = f"any {n} of the {pool} postures in the pool" if pool else f"any {n} poses"
     which = "any other choice of as many candidates" if content["candidates"] else which
-    bound = plan["criterion_efficiency_lower_bound"]
+    bound, bound_d = plan["criterion_efficiency_lower_bound"], plan["d_efficiency_lower_bound"]
+    proof = plan["certificate"].get("proof")
+    how = "searched, not proven"
+    if plan["certificate"]["exhaustive"]:
+        how = "all of them were looked at"
+    elif proof is not None:
+        own = bound is not None and plan["criterion"] != "D"
+        found = bound if own else bound_d
+        proven = proof["criterion_efficiency_lower_bound" if own else "d_efficiency_lower_bound"]
+        if proven is not None and proven > found - _LOOSER:
+            how = "proven"
+            bound, bound_d = proof["criterion_efficiency_lower_bound"], proof["d_efficiency_lower_bound"]
+        elif proven is not None:
+            how = f"searched; {percent(proven)} are proven"
     if plan["criterion"] == "D" or bound is None:
-        text = (
-            f"These {n} poses are at least {percent(plan['d_efficiency_lower_bound'])} as good as {which} can be "
-            "(D-efficiency, a proven bound)"
-        )
+        text = f"These {n} poses are at least {percent(bound_d)} as good as {which} can be (D-efficiency, {how})"
         return text + ("." if plan["criterion"] == "D" else f"; for criterion {plan['criterion']} no bound is known.")
     return (
         f"These {n} poses are at least {percent(bound)} as good as {which} can be by criterion {plan['criterion']} "
-        f"(a proven bound); their D-efficiency is at least {percent(plan['d_efficiency_lower_bound'])}."
+        f"({how}); their D-efficiency is at least {percent(bound_d)}."
     )
+
+
+_LOOSER = 1e-3
+"""A proven bound that is this much below the searched one does not replace it: both are told."""
 
 
 def _noise(content: Content) -> str:
@@ -109,9 +123,9 @@ def _needed(content: Content) -> list[str]:
             else "random ones do not get there with any practical number"
         )
         least = (
-            "no fewer can do"
+            "no fewer can do, as far as was searched"
             if entry["at_least"] == entry["poses"]
-            else f"fewer than {entry['at_least']} cannot do, whatever the plan"
+            else f"fewer than {entry['at_least']} cannot do, whatever the plan, as far as was searched"
         )
         out.append(
             f"{plural(entry['poses'], 'pose')} {'suffice' if entry['poses'] > 1 else 'suffices'} for "

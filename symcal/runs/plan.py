@@ -1,4 +1,4 @@
-"""`symcal plan`: an experiment file in, a plan with its proof and its promise out."""
+"""`symcal plan`: an experiment file in, a plan with its bounds and its promise out."""
 
 from __future__ import annotations
 

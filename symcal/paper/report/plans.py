@@ -1,4 +1,4 @@
-"""The plans: the paper's optimal trajectory (Figs. 4 to 6), ours, and what is proven about each."""
+"""The plans: the paper's optimal trajectory (Figs. 4 to 6), ours, and how good each is at least."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def plans(content: Content) -> list[Block]:
             f"coding of {search['bits']} bits per joint, {search['generations']} generations{as_paper}, "
             f"{search['population']} plans, ours) that minimises the paper's eq. 12. The same algorithm with the "
             "information of the whole plan in place of the condition numbers. A certified plan: exchange of poses "
-            "until none helps, with a proven bound of how much better any plan could be. And a random one. Each is "
+            "until none helps, with a bound of how much better any plan could be. And a random one. Each is "
             "driven as the shortest tour found from the paper's initial pose, along straight lines of the tool where "
             "the arm can follow them ([@paper_trajectory], [@paper_joint_motion]). The paper's Fig. 4, a flow chart of "
             "the genetic algorithm, is no result; how the searches went is in [@paper_readings]b."
@@ -59,9 +59,9 @@ def plans(content: Content) -> list[Block]:
         table(
             "certificates",
             "What each plan is worth before anything is measured",
-            "D-efficiency: information about all identifiable parameters relative to the best possible plan, a proven "
-            "lower bound; G-efficiency: the same for the worst pose of the working area. Predicted: rms position error "
-            f"over the test poses after an identification, mm; {two['random_plans']} random plans predict "
+            "D-efficiency: information about all identifiable parameters relative to the best possible plan, a lower "
+            "bound, searched; G-efficiency: the same for the worst pose of the working area. Predicted: rms position "
+            f"error over the test poses after an identification, mm; {two['random_plans']} random plans predict "
             f"{number(random['p05'])} to {number(random['p95'])} mm (5 to 95 %). Cond.: condition number of the "
             "scaled, identifiable Jacobian. Seen: poses at which the camera of [@paper_vision] sees the whole target; "
             "identification here uses positions, as the paper's simulation does, and does not ask for it.",

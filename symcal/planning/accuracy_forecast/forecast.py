@@ -62,7 +62,7 @@ class PosesNeeded:
     """The answer to 'how many poses do I need for this error?'.
 
     count: the smallest number for which a plan was found that keeps the target; poses: that plan, shape (count, dof),
-    and what it promises. at_least: fewer cannot do, whatever the plan.
+    and what it promises. at_least: fewer cannot do, whatever the plan, as far as the bound was searched.
     random: poses with which the median of random plans keeps it; None if more than `LARGEST_PLAN`.
     """
 

@@ -30,6 +30,7 @@ from symcal.instruments.noise import Noise
 from symcal.model.model import Model
 
 Array = NDArray[np.float64]
+LINEAR = Options()
 Draw = Callable[[np.random.Generator], Halves]
 
 
@@ -45,7 +46,7 @@ class Case:
     sizes: float = 0.3
     planted: Plant | None = None
     shaky: float = 0.0
-    options: Options = Options()
+    options: Options = LINEAR
     share: float = 1.0
     slips: int = 0
 
@@ -77,7 +78,7 @@ def scene(name: str, rng: np.random.Generator) -> Halves:
     true = replace(model, setup=scenario.setup)
     data = simulate(true, errors, measured(true, scenario, rng), Noise(by_instrument=scenario.noise), rng)
     data = replace(data, z=sessions(model, data.z))
-    return two_halves(calibrate(model, None, data, Options()), data, Options(), rng)
+    return two_halves(calibrate(model, None, data, LINEAR), data, LINEAR, rng)
 
 
 def twice(q: Array, rng: np.random.Generator) -> Array:
@@ -145,7 +146,7 @@ def told_of(found: list[Halves], case: str) -> str:
     """A line of numbers."""
     if not found:
         return f"{case}: none"
-    p, least = by_chance(found), np.array([each.p for each in found])
+    p, least = by_chance(found), np.array([each.least for each in found])
     share = np.mean([each.apart.within for each in found])
     squares = [each.every[0][1].ratio ** 2 for each in found]
     bad = [each for each in found if not each.agree]

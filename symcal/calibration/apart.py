@@ -39,14 +39,16 @@ class Compared:
 
     @property
     def ratio(self) -> float:
-        return self.difference / self.predicted
+        """Difference over what is to be expected, of position or orientation, whichever is more."""
+        turned = 0.0 if self.turn is None or self.turn_predicted is None else self.turn / self.turn_predicted
+        return max(self.difference / self.predicted, turned)
 
 
 @dataclass(frozen=True, slots=True)
 class Apart:
     """Two estimates compared posture by posture; made by `Region.apart`.
 
-    at: where the tool (the middle of its points) is, shape (K, 3), mm. apart, sigma: rms over its points of the
+    at: where the tool (the middle of its points) is in base, shape (K, 3), mm. apart, sigma: rms over its points of the
     difference, and what is to be expected of that, shape (K,), mm. within: share of postures at which the difference is
     within bounds that `WITHIN` of all are in.
     """
@@ -76,7 +78,7 @@ class Region:
     turns: Array | None
 
     def squares(self) -> tuple[Array, Array | None]:
-        """Mean squares over postures (and points) of what a step y changes, as quadratic forms: (n, n), mm^2 and rad^2."""
+        """Mean squares over postures (and points) of what a step y changes, as forms (n, n), mm^2 and rad^2."""
         flat = self.slopes.reshape(-1, self.slopes.shape[2])
         position = flat.T @ flat / (len(flat) / 3)
         if self.turns is None:
@@ -96,13 +98,13 @@ class Region:
         expected = float(np.sum(position * law.covariance))
         if expected <= 0:
             return None
-        metric, rms = position / expected, float(np.sqrt(max(step @ position @ step, 0.0)))
+        metric, rms = position / expected, _root(step, position)
         turn = turn_expected = None
         if turned is not None:
             turn_expected = float(np.sum(turned * law.covariance))
             if turn_expected <= 0:
                 return None
-            metric, turn = metric + turned / turn_expected, float(np.sqrt(max(step @ turned @ step, 0.0)))
+            metric, turn = metric + turned / turn_expected, _root(step, turned)
         tested = law.tested(step, metric)
         if tested is None:
             return None
@@ -134,11 +136,15 @@ class Region:
                 None if turns is None else float(np.sqrt(np.mean(np.sum(turns**2, axis=1)))),
                 compared.turn_predicted,
             ),
-            self.at.mean(axis=1),
+            self._in_base(first, second),
             np.sqrt(np.sum(points**2, axis=(1, 2)) / count),
             np.sqrt(np.maximum(np.trace(here, axis1=1, axis2=2), 0.0) / count),
             float(np.mean(squares <= chdtri(np.maximum(told.sum(axis=1), 1), 1 - WITHIN))),
         )
+
+    def _in_base(self, first: Array, second: Array) -> Array:
+        base = self.model.moved(self.setup, (first + second) / 2).base
+        return np.asarray((self.at.mean(axis=1) - base[:3, 3]) @ base[:3, :3])
 
     def _predicted(self, first: Array, second: Array) -> tuple[Array, Array | None]:
         """What two estimates predict differently: points, shape (K, k, 3), mm, and rotation vectors, (K, 3), rad."""
@@ -155,6 +161,10 @@ class Region:
         if adrift:
             turns = turns * turns.mean().inv()
         return points, np.asarray(turns.as_rotvec())
+
+
+def _root(step: Array, form: Array) -> float:
+    return float(np.sqrt(max(float(step @ form @ step), 0.0)))
 
 
 def region_of(model: Model, setup: Setup, x: Array, free: tuple[str, ...], q: Array) -> Region:

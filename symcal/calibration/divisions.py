@@ -49,9 +49,9 @@ class Division:
         """Which halves they are, in words."""
         return {
             "chance": "drawn by chance",
-            "order": "the first and the last poses in the file",
-            "reading": f"where joint {self.joint} reads less and where it reads more",
-            "middle": f"where joint {self.joint} is in the middle of its readings and where it is towards their ends",
+            "order": "the first and the last in the file",
+            "reading": f"divided at the median of joint {self.joint}",
+            "middle": f"divided by whether joint {self.joint} is near its median",
         }[self.by]
 
 

@@ -2,14 +2,14 @@
 
 Each half is identified with the model, the noise and the sizes of errors that the whole fit found; what they predict of
 the tool in world is compared over the working area. The law of the difference is that of `symcal.fit.difference`. Of
-several divisions, none of which knows what was measured (`symcal.calibration.divisions`), that by chance is reported
-unless the least probable one is less probable than the least of so many may be by chance ([Sidak1967]). The idea is the
-cross-validation of [Kogan2023]; the law with a prior and the divisions are ours.
+several divisions, none of which knows what was measured (`symcal.calibration.divisions`), that by chance is told of
+unless one differs by more than is stated and is less probable than the least of so many may be by chance ([Sidak1967]).
+The idea is the cross-validation of [Kogan2023]; the law with a prior and the divisions are ours.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,7 +36,7 @@ Mask = NDArray[np.bool_]
 
 LEVEL = 0.01
 """Probability below which halves differ by more than is stated: of good data one set in a hundred does."""
-POSTURES = 400
+POSTURES = 1000
 """At which predictions are compared."""
 
 
@@ -45,19 +45,33 @@ class Halves:
     """Two halves compared; made by `two_halves`.
 
     division: that is told of, its halves identified. apart: what they predict. every: all divisions, by what they say
-    to first order. p: of a least probability as small as theirs by chance. by_area: postures are of a stated working
-    area, otherwise within the ranges of the training poses.
+    to first order; that by chance is the first. by_area: postures are of a stated working area, otherwise within the
+    ranges of the training poses.
     """
 
     division: Division
     apart: Apart
     every: tuple[tuple[Division, Compared], ...]
-    p: float
     by_area: bool
 
     @property
+    def p(self) -> float:
+        """Probability by chance of what the division that is told of says, as the least of all divisions."""
+        return at_least_one(self.apart.compared.tested.p, len(self.every))
+
+    @property
+    def least(self) -> float:
+        """Of the least probable division, its halves to first order."""
+        return at_least_one(min(each.tested.p for _, each in self.every), len(self.every))
+
+    @property
     def agree(self) -> bool:
-        return self.p >= LEVEL
+        """They differ by no more than is stated, or by chance."""
+        return not _disagree(self.apart.compared, len(self.every))
+
+
+def _disagree(compared: Compared, count: int) -> bool:
+    return compared.ratio > 1 and at_least_one(compared.tested.p, count) < LEVEL
 
 
 def two_halves(
@@ -107,16 +121,17 @@ def _two_halves(
             found.append((division, compared, law))
     if not found:
         raise RefusedError("the poses leave too little to tell the noise by")
-    p = {division.name: compared.tested.p for division, compared, _ in found}
-    worst = int(np.argmin(list(p.values())))
-    division, _, law = found[0 if at_least_one(p) >= LEVEL else worst]
+    division, _, law = found[_told([compared for _, compared, _ in found])]
     first, second = (_half(calibration, train, options, mask) for mask in (division.first, ~division.first))
     apart = region.apart(law, first, second)
     assert apart is not None  # it was something to first order
-    p[division.name] = apart.compared.tested.p
-    return Halves(
-        division, apart, tuple((each, compared) for each, compared, _ in found), at_least_one(p), area is not None
-    )
+    return Halves(division, apart, tuple((each, compared) for each, compared, _ in found), area is not None)
+
+
+def _told(found: Sequence[Compared]) -> int:
+    """Which division is told of: that by chance, the first, unless some disagree: then the least probable of these."""
+    bad = [i for i, each in enumerate(found) if _disagree(each, len(found))]
+    return min(bad, key=lambda i: found[i].tested.p) if bad else 0
 
 
 def _options(calibration: Calibration, options: Options) -> Options:

@@ -22,7 +22,7 @@ a weighted reading pulls by.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -137,6 +137,6 @@ def difference(rows: HalfRows, first: Mask) -> Difference:
     return Difference(estimates[0] - estimates[1], parts.sum(axis=0), parts, rows.dof)
 
 
-def at_least_one(p: Mapping[str, float]) -> float:
-    """Probability of the least of several p-values by chance, as if they were independent ([Sidak1967])."""
-    return float(-np.expm1(len(p) * np.log1p(-min(min(p.values()), 1 - _ALL))))
+def at_least_one(p: float, count: int) -> float:
+    """Probability that the least of so many p-values is as small by chance, as if independent ([Sidak1967])."""
+    return float(-np.expm1(count * np.log1p(-min(p, 1 - _ALL))))

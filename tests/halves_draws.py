@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 from scipy import stats
 from strategies import random_frame
 
+from symcal.calibration.apart import LEVEL
 from symcal.calibration.calibrate import calibrate
-from symcal.calibration.halves import LEVEL, Halves, two_halves
+from symcal.calibration.halves import Halves, two_halves
 from symcal.calibration.simulate import simulate
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Options

@@ -10,13 +10,17 @@ from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
 from symcal.calibration.evaluate import without_rigid_motion
-from symcal.fit.difference import Difference, Tested
+from symcal.fit.difference import Difference, Tested, at_least_one
 from symcal.model.measurement import Setup
 from symcal.model.model import Model
 from symcal.placing.registration import rigid_fit
 
 Array = NDArray[np.float64]
 
+LEVEL = 0.01
+"""Probability below which two estimates differ by more than is stated: of good data one set in a hundred does."""
+POSTURES = 1000
+"""At which predictions are compared."""
 WITHIN = 0.95
 """Of differences at one posture, those that are within the bounds by which postures are counted."""
 _FLAT = 1e-8  # of the largest variance at a posture: none
@@ -161,6 +165,11 @@ class Region:
         if adrift:
             turns = turns * turns.mean().inv()
         return points, np.asarray(turns.as_rotvec())
+
+
+def disagree(compared: Compared, count: int) -> bool:
+    """Whether two estimates differ by more than is stated, and not by chance, as the least probable of so many."""
+    return compared.ratio > 1 and at_least_one(compared.tested.p, count) < LEVEL
 
 
 def _root(step: Array, form: Array) -> float:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.calibration.apart import Apart, Compared, region_of
+from symcal.calibration.apart import POSTURES, Apart, Compared, disagree, region_of
 from symcal.calibration.calibrate import Calibration, one_thread
 from symcal.calibration.divisions import Division, divisions
 from symcal.data.dataset import Dataset
@@ -33,11 +33,6 @@ from symcal.placing.placement import stated
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-LEVEL = 0.01
-"""Probability below which halves differ by more than is stated: of good data one set in a hundred does."""
-POSTURES = 1000
-"""At which predictions are compared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,11 +62,7 @@ class Halves:
     @property
     def agree(self) -> bool:
         """They differ by no more than is stated, or by chance."""
-        return not _disagree(self.apart.compared, len(self.every))
-
-
-def _disagree(compared: Compared, count: int) -> bool:
-    return compared.ratio > 1 and at_least_one(compared.tested.p, count) < LEVEL
+        return not disagree(self.apart.compared, len(self.every))
 
 
 def two_halves(
@@ -107,9 +98,8 @@ def _two_halves(
     if after.remainder is not None:
         raise RefusedError("a smooth remainder ties all poses together")
     rows = _rows(calibration, train)
-    linear = half_rows(
-        variance_model(rows, after.free, _options(calibration, options), prior_mean=_at(calibration)), after
-    )
+    system = variance_model(rows, after.free, _options(calibration, options), prior_mean=_at(calibration))
+    linear = half_rows(system, after.x, after.variances, after.estimated)
     lower, upper = (train.q.min(axis=0), train.q.max(axis=0)) if area is None else area
     q = rng.uniform(lower, upper, (POSTURES, model.robot.dof))
     region = region_of(model, calibration.setup, after.x, after.free, q)
@@ -130,7 +120,7 @@ def _two_halves(
 
 def _told(found: Sequence[Compared]) -> int:
     """Which division is told of: that by chance, the first, unless some disagree: then the least probable of these."""
-    bad = [i for i, each in enumerate(found) if _disagree(each, len(found))]
+    bad = [i for i, each in enumerate(found) if disagree(each, len(found))]
     return min(bad, key=lambda i: found[i].tested.p) if bad else 0
 
 
@@ -186,4 +176,5 @@ def _half(calibration: Calibration, train: Dataset, options: Options, half: Mask
     after = calibration.after
     given = Variances(dict(after.sigmas), after.every_factor, after.weights[half])
     own = _options(calibration, options)
-    return estimate_given(_rows(calibration, train.take(half)), after.free, own, given, after.x, _at(calibration))
+    rows = _rows(calibration, train.take(half))
+    return estimate_given(rows, after.free, own, given, after.x, _at(calibration))[1]

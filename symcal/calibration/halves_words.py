@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from symcal.calibration.apart import Apart, Compared
+from symcal.calibration.again import Again
+from symcal.calibration.apart import LEVEL, Apart, Compared
 from symcal.calibration.divisions import Division
-from symcal.calibration.halves import LEVEL, Halves
+from symcal.calibration.halves import Halves
 from symcal.words import number, plural
 
 _HARDLY = 1.25  # times what is expected: more than chance, but nothing that anybody would feel
@@ -116,6 +117,53 @@ def _others(found: Halves) -> str:
         count = len(found.every) - 1
         return f", as do those of {plural(count, 'other division')}" if count else ""
     return f" about the tool, though other halves differ in some parameters by more than chance ({_p(found.least)})"
+
+
+def again_facts(found: Again | str) -> dict[str, Any]:
+    """Numbers of a second calibration compared with the recorded one, for results.json, lengths in mm, angles in deg.
+
+    Args:
+        found: what was found, or why nothing was.
+    """
+    if isinstance(found, str):
+        text = f"no second calibration from the new poses alone was compared with the recorded one: {found}"
+        return {"agree": None, "why": found, "text": text}
+    return {
+        "agree": found.agree,
+        **compared_facts(found.apart),
+        "p": found.p,
+        "level": LEVEL,
+        "poses": found.poses,
+        "over": "ranges of the new poses",
+        "text": again_sentence(found),
+    }
+
+
+def again_warnings(found: Again | str) -> list[str]:
+    """A warning where a second calibration differs by much more than the uncertainties let expect."""
+    if isinstance(found, str) or found.agree or found.apart.compared.ratio < CLEARLY:
+        return []
+    return [again_sentence(found)]
+
+
+def again_sentence(found: Again) -> str:
+    """Whether a second calibration differs from the recorded one by no more than is stated."""
+    amount = (
+        f"a calibration from the {plural(found.poses, 'new pose')} alone and the recorded one differ over the ranges of "
+        f"the new poses by {_amount(found.apart)}"
+    )
+    if found.agree:
+        return f"{amount}: they agree"
+    ratio = found.apart.compared.ratio
+    means = (
+        "the robot or the instrument had changed, or the model lacked something that acts differently on these poses"
+    )
+    if ratio < _HARDLY:
+        return f"{amount}: that is hardly more, though not by chance ({_p(found.p)}), as if {means}"
+    return (
+        f"{amount}: they do not agree, the stated uncertainties are {number(ratio, 2)} times too small for this "
+        f"({_p(found.p)}), as if {means}"
+    )
 
 
 _MEANS: Mapping[str, str] = {

@@ -109,32 +109,58 @@ class Tested:
     p: float
 
 
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """One of two estimates.
+
+    y: shape (n,). inverse: C, shape (n, n). scatter: m C J^T J C, what the noise of its data makes, by noise group,
+    shape (g, n, n). dof: as in `HalfRows`.
+    """
+
+    y: Array
+    inverse: Array
+    scatter: Array
+    dof: Sequence[float]
+
+
+def estimate_of(rows: HalfRows, own: Mask) -> Estimate:
+    """The estimate from some poses of a fit, shape (N,), to first order about where its rows were linearised."""
+    known, prior = rows.known[:, :-1], rows.known[:, -1]
+    kept = own[rows.pose]
+    j, r, group = rows.slopes[kept], rows.r[kept], rows.group[kept]
+    steep = j * np.sqrt(np.asarray(rows.bread))[group][:, None]
+    triangle = np.asarray(np.linalg.qr(np.vstack([steep, known]), mode="r"), dtype=np.float64)
+    root = solve_triangular(triangle, np.eye(j.shape[1]))
+    inverse = np.asarray(root @ root.T)
+    pulled = [j[group == g] @ inverse for g in range(len(rows.dof))]
+    scatter = np.array([m * (each.T @ each) for m, each in zip(rows.meat, pulled, strict=True)])
+    return Estimate(-inverse @ (j.T @ r + known.T @ prior), inverse, scatter, rows.dof)
+
+
 def difference(rows: HalfRows, first: Mask) -> Difference:
     """The difference of the estimates of two halves.
 
     Args:
         first: which poses are of the first half, shape (N,); the others are of the second.
     """
-    groups, n = len(rows.dof), rows.slopes.shape[1]
-    known, prior = rows.known[:, :-1], rows.known[:, -1]
-    own = first[rows.pose]
-    bread = np.sqrt(np.asarray(rows.bread))[rows.group]
-    estimates, inverses = [], []
-    parts = np.zeros((groups + 1, n, n))
-    for half in (own, ~own):
-        j, r, group = rows.slopes[half], rows.r[half], rows.group[half]
-        stacked = np.vstack([j * bread[half, None], known])
-        triangle = np.asarray(np.linalg.qr(stacked, mode="r"), dtype=np.float64)
-        root = solve_triangular(triangle, np.eye(n))
-        c = root @ root.T
-        inverses.append(c)
-        estimates.append(-c @ (j.T @ r + known.T @ prior))
-        for g in range(groups):
-            pulled = j[group == g] @ c
-            parts[g] += rows.meat[g] * (pulled.T @ pulled)
-    held = known @ (inverses[0] - inverses[1])
-    parts[-1] = held.T @ held
-    return Difference(estimates[0] - estimates[1], parts.sum(axis=0), parts, rows.dof)
+    one, other = estimate_of(rows, first), estimate_of(rows, ~first)
+    scatter = one.scatter + other.scatter
+    return _law(one, other, scatter, rows.dof, rows.known[:, :-1])
+
+
+def difference_of(one: Estimate, other: Estimate, known: Array) -> Difference:
+    """The difference of two estimates whose noise was told each from its own data.
+
+    Args:
+        known: P, what both know beforehand, shape (l, n).
+    """
+    return _law(one, other, np.concatenate([one.scatter, other.scatter]), [*one.dof, *other.dof], known)
+
+
+def _law(one: Estimate, other: Estimate, scatter: Array, dof: Sequence[float], known: Array) -> Difference:
+    held = known @ (one.inverse - other.inverse)
+    parts = np.concatenate([scatter, (held.T @ held)[None]])
+    return Difference(one.y - other.y, parts.sum(axis=0), parts, dof)
 
 
 def at_least_one(p: float, count: int) -> float:

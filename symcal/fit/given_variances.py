@@ -1,4 +1,4 @@
-"""The estimate where noise and sizes are known: what is left of a fit when no variance is sought."""
+"""The estimate where sizes of errors, and noise if it is wanted, are known from another fit."""
 
 from __future__ import annotations
 
@@ -17,35 +17,45 @@ from symcal.solvers.least_squares import Problem
 Array = NDArray[np.float64]
 
 _ROUNDS = 60
-_SETTLED = 1e-6  # change of a robust weight that ends the rounds
+_SETTLED = 1e-6  # change of a robust weight or log variance that ends the rounds
 
 
 def estimate_given(
-    rows: Rows, free: tuple[str, ...], options: Options, variances: Variances, start: Array, prior_mean: Array
-) -> Array:
-    """The errors of all parameters, shape (n,), that minimise the objective of a fit at given variances.
+    rows: Rows,
+    free: tuple[str, ...],
+    options: Options,
+    variances: Variances,
+    start: Array,
+    prior_mean: Array,
+    *,
+    noise_too: bool = False,
+) -> tuple[VarianceModel, Array, Variances]:
+    """The system, the errors of all parameters that minimise its objective, shape (n,), and its variances.
 
-    With a robust loss the noise is kept, and the weights are found with the estimate.
+    With a robust loss the weights are found with the estimate.
 
     Args:
         variances: noise by group, factors on the sizes; weights to start from, shape (N, m). start: first guess, shape
-            (n,).
+            (n,). noise_too: unknown noise is found as in any fit, and the factors alone are given.
     Raises:
         RefusedError: the minimisation does not converge.
     """
     model = variance_model(rows, free, options, prior_mean=prior_mean)
-    model = replace(model, estimated=(), factors=(), hold=True)
+    model = replace(model, factors=())
+    if not noise_too:
+        model = replace(model, estimated=(), hold=True)
     x = _minimised(model, options, variances, start)
-    if model.loss == "linear":
-        return x
+    if model.settled:
+        return model, x, variances
     for _ in range(_ROUNDS):
         new = model.next(x, variances, _SETTLED)
-        shift = float(np.abs(new.weights - variances.weights).max(initial=0.0))
+        shift = np.abs(new.weights - variances.weights).max(initial=0.0)
+        change = max(float(shift), float(np.abs(model.difference(new, variances)).max(initial=0.0)))
         variances = new
-        if shift < _SETTLED:
+        if change < _SETTLED:
             break
         x = _minimised(model, options, variances, x)
-    return x
+    return model, x, variances
 
 
 def _minimised(model: VarianceModel, options: Options, variances: Variances, start: Array) -> Array:
@@ -58,5 +68,5 @@ def _minimised(model: VarianceModel, options: Options, variances: Variances, sta
     problem = Problem(evaluate, system.scaled(start), np.ones(len(system.free)))
     solution = SOLVERS[options.solver](problem, options.tolerances)
     if not solution.status.converged:
-        raise RefusedError(f"the fit of a half did not converge: {solution.message}")
+        raise RefusedError(f"the fit did not converge: {solution.message}")
     return system.at(solution.x)

@@ -38,7 +38,7 @@ def halves_map(found: Apart, what: str, who: str) -> Illustration:
     height = max(float(np.ptp(flat[:, 1])) + cell for _, _, _, flat in views)
     rows = ("difference / mm", "difference over\nwhat is expected")
     with print_settings():
-        figure = sheet(WIDE, 2 * float(np.clip(_HEAD + height * _DRAWN / sum(widths), 40.0, 85.0)))
+        figure = sheet(WIDE, 2 * float(np.clip(_HEAD + height * _DRAWN / sum(widths), 36.0, 66.0)))
         panels: Any = figure.subplots(2, 2, width_ratios=[max(width, 0.25 * max(widths)) for width in widths])
         for row, label in enumerate(rows):
             grids = [_rms_of(found, flat, cell, over=bool(row)) for _, _, _, flat in views]

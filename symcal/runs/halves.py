@@ -1,17 +1,21 @@
-"""Two halves of the training poses of a run, and what its results say of them."""
+"""Two calibrations from disjoint measurements in a run's results: halves of its training poses, or new poses alone."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.calibration.again import calibrated_again
 from symcal.calibration.calibrate import Calibration
 from symcal.calibration.halves import Halves, two_halves
-from symcal.calibration.halves_words import halves_facts, halves_warnings
+from symcal.calibration.halves_words import again_facts, again_warnings, halves_facts, halves_warnings
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
+from symcal.model.task import Task
+from symcal.robot.robot import Robot
 from symcal.runs.load import Experiment
 
 Array = NDArray[np.float64]
@@ -33,3 +37,24 @@ def with_halves(
     except RefusedError as error:
         content["halves"] = halves_facts(str(error))
     return found
+
+
+def with_second(
+    content: dict[str, Any], robot: Robot, task: Task, data: Dataset, refit: Sequence[str], strange: Sequence[str]
+) -> None:
+    """A second calibration from new measurements, its facts and warnings added to the content.
+
+    Args:
+        task: of what measured, everything where it was before the recorded calibration. refit: frames that were fitted
+            to the new data. strange: sessions that the calibration does not know.
+    """
+    try:
+        if refit:
+            raise RefusedError(f"{', '.join(refit)} may have moved in between")
+        if strange:
+            raise RefusedError(f"the calibration does not know session {', '.join(strange)}")
+        found = calibrated_again(robot, task, data, np.random.default_rng(0))
+        content["halves"] = again_facts(found)
+        content["warnings"] += again_warnings(found)
+    except RefusedError as error:
+        content["halves"] = again_facts(str(error))

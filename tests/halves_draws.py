@@ -12,6 +12,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from cases import ARM, handling
@@ -21,10 +22,13 @@ from numpy.typing import NDArray
 from scipy import stats
 from strategies import random_frame
 
+from symcal.calibration.again import Again, calibrated_again
 from symcal.calibration.apart import LEVEL
 from symcal.calibration.calibrate import calibrate
 from symcal.calibration.halves import Halves, two_halves
+from symcal.calibration.record import recorded_task
 from symcal.calibration.simulate import simulate
+from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Options
 from symcal.instruments.noise import Noise
@@ -33,6 +37,7 @@ from symcal.model.model import Model
 Array = NDArray[np.float64]
 LINEAR = Options()
 Draw = Callable[[np.random.Generator], Halves]
+NewDraw = Callable[[np.random.Generator], Again]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,22 +57,56 @@ class Case:
     slips: int = 0
 
     def __call__(self, rng: np.random.Generator) -> Halves:
-        model, robot = self.model, self.model.robot
+        data = self.measured(self.truth(rng), self.count, rng)
+        return two_halves(calibrate(self.model, None, data, self.options), data, self.options, rng)
+
+    def truth(self, rng: np.random.Generator) -> tuple[Model, dict[str, float]]:
+        """The model where its base truly is, and true errors."""
+        true = replace(self.model, setup=replace(self.model.setup, base=random_frame(rng, 2000.0)))
+        links = self.model.robot.parameters
+        drawn = [(p.name, rng.normal() * p.scale) for p in self.model.parameters.items]
+        return true, {name: float(e) * (self.sizes if name in links else 1.0) for name, e in drawn}
+
+    def measured(
+        self, truth: tuple[Model, dict[str, float]], count: int, rng: np.random.Generator, noise: float = NOISE
+    ) -> Dataset:
+        robot = self.model.robot
         lower, upper = robot.ranges
         middle, half = (upper + lower) / 2, (upper - lower) / 2
-        q = middle + self.share * half * rng.uniform(-1, 1, (self.count, robot.dof))
+        q = middle + self.share * half * rng.uniform(-1, 1, (count, robot.dof))
         moved = q if self.planted is None else q + self.planted(q, rng)
         moved = moved + self.shaky * rng.normal(size=q.shape)
-        true = replace(model, setup=replace(model.setup, base=random_frame(rng, 2000.0)))
-        errors = {
-            p.name: float(rng.normal() * p.scale * (self.sizes if p.name in robot.parameters else 1.0))
-            for p in model.parameters.items
-        }
-        data = simulate(true, errors, moved, Noise("normal", NOISE, 1e-4), rng)
+        data = simulate(*truth, moved, Noise("normal", noise, noise * 2e-3), rng)
         z = data.z.copy()
-        z[rng.permutation(self.count)[: self.slips], :3] += rng.normal(size=(self.slips, 3))
-        data = replace(data, q=q, z=z)
-        return two_halves(calibrate(model, None, data, self.options), data, self.options, rng)
+        z[rng.permutation(count)[: self.slips], :3] += rng.normal(size=(self.slips, 3))
+        return replace(data, q=q, z=z)
+
+
+@dataclass(frozen=True, slots=True)
+class Second:
+    """A robot calibrated, and measured again.
+
+    count: new poses. elsewhere: share of the ranges that they are in. noise: of them, mm. bent: error that the robot
+    got in between, in plausible sizes.
+    """
+
+    first: Case
+    count: int
+    elsewhere: float = 1.0
+    noise: float = NOISE
+    bent: float = 0.0
+
+    def __call__(self, rng: np.random.Generator) -> Again:
+        true, errors = self.first.truth(rng)
+        data = self.first.measured((true, errors), self.first.count, rng)
+        found = calibrate(self.first.model, None, data, self.first.options).robot
+        assert found.record is not None
+        links = self.first.model.robot.parameters
+        scales = {p.name: p.scale for p in self.first.model.parameters.items}
+        errors = {n: e + self.bent * scales[n] * rng.normal() * (n in links) for n, e in errors.items()}
+        new = replace(self.first, share=self.elsewhere).measured((true, errors), self.count, rng, self.noise)
+        task = recorded_task(found.record.provenance, "before", Path("calibrated.yaml"))
+        return calibrated_again(found, task, new, rng)
 
 
 def scene(name: str, rng: np.random.Generator) -> Halves:
@@ -127,6 +166,19 @@ PLANTED: dict[str, Draw] = {
 }
 
 
+POSES_60 = Case(model_of(ARM, "position"), 60)
+AGAIN: dict[str, NewDraw] = {
+    "again, position": Second(POSES_60, 40),
+    "again, position, elsewhere": Second(POSES_60, 40, elsewhere=0.4),
+    "again, position, other noise": Second(POSES_60, 40, noise=3 * NOISE),
+    "again, position, huber": Second(replace(POSES_60, options=Options(loss="huber")), 40),
+    "again, pose": Second(Case(model_of(ARM, "pose"), 40), 30),
+    "again, positioner": Second(Case(model_of(positioner(), "pose"), 40), 30),
+    "again, handling": Second(Case(model_of(handling(), "position"), 40), 30),
+}
+BENT: dict[str, NewDraw] = {"again, bent": Second(POSES_60, 40, bent=0.03)}
+
+
 def draws(case: str, count: int, seed: int = 0) -> list[Halves]:
     made = (PLANTED | GOOD)[case]
     found: list[Halves] = []
@@ -168,8 +220,25 @@ def told_of(found: list[Halves], case: str) -> str:
     )
 
 
+def again(case: str, count: int, seed: int = 0) -> list[Again]:
+    return [(AGAIN | BENT)[case](np.random.default_rng([seed, i])) for i in range(count)]
+
+
+def told_again(found: list[Again], case: str) -> str:
+    """A line of numbers."""
+    p = np.array([each.p for each in found])
+    ratios = np.array([each.apart.compared.ratio for each in found])
+    return (
+        f"{case}: p < 0.05 {np.mean(p < 0.05):.3f}, < 0.01 {np.mean(p < 0.01):.3f}, KS "
+        f"{stats.kstest(p, 'uniform').pvalue:.3f}; {sum(not each.agree for each in found)} of {len(found)} differ; "
+        f"rms ratio {np.sqrt(np.mean(ratios**2)):.3f}; within 95 % {np.mean([each.apart.within for each in found]):.3f}"
+    )
+
+
 if __name__ == "__main__":
-    wanted = sys.argv[2:] or [*PLANTED, *GOOD]
+    wanted = sys.argv[2:] or [*PLANTED, *GOOD, *BENT, *AGAIN]
     for name in wanted:
-        sys.stdout.write(told_of(draws(name, int(sys.argv[1]) if len(sys.argv) > 1 else 200), name) + "\n")
+        many = int(sys.argv[1]) if len(sys.argv) > 1 else 200
+        new = name in AGAIN or name in BENT
+        sys.stdout.write((told_again(again(name, many), name) if new else told_of(draws(name, many), name)) + "\n")
         sys.stdout.flush()

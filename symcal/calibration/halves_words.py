@@ -149,8 +149,8 @@ def again_warnings(found: Again | str) -> list[str]:
 def again_sentence(found: Again) -> str:
     """Whether a second calibration differs from the recorded one by no more than is stated."""
     amount = (
-        f"a calibration from the {plural(found.poses, 'new pose')} alone and the recorded one differ over the ranges of "
-        f"the new poses by {_amount(found.apart)}"
+        f"a calibration from the {plural(found.poses, 'new pose')} alone and the recorded one differ over the ranges "
+        f"of the new poses by {_amount(found.apart)}"
     )
     if found.agree:
         return f"{amount}: they agree"
@@ -181,7 +181,7 @@ def _amount(apart: Apart) -> str:
     if own.turn is None or own.turn_predicted is None:
         return said
     turn, allowed = (number(float(np.rad2deg(each)), 2) for each in (own.turn, own.turn_predicted))
-    return f"{said} (orientation {turn} deg; {allowed} deg)"
+    return f"{said} (orientation {turn} deg, allowed {allowed} deg)"
 
 
 def _p(value: float) -> str:

@@ -71,7 +71,7 @@ def calibrated_again(robot: Robot, task: Task, data: Dataset, rng: np.random.Gen
 def _again(robot: Robot, task: Task, data: Dataset, rng: np.random.Generator) -> Again:
     provenance = _recorded(robot, task)
     assert robot.record is not None
-    model = _as_before(robot, task, provenance)
+    model = as_before(robot, task, provenance)
     names = model.parameters.names
     free = tuple(name for name in names if name in provenance["learnt"])
     first = model.parameters.vector({name: float(robot.record.errors.get(name, 0.0)) for name in names})
@@ -120,7 +120,7 @@ def _recorded(robot: Robot, task: Task) -> Mapping[str, Any]:
     return provenance
 
 
-def _as_before(robot: Robot, task: Task, provenance: Mapping[str, Any]) -> Model:
+def as_before(robot: Robot, task: Task, provenance: Mapping[str, Any]) -> Model:
     """The model of the first calibration, for these observations.
 
     Raises:

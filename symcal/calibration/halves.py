@@ -112,7 +112,7 @@ def _two_halves(
     if not found:
         raise RefusedError("the poses leave too little to tell the noise by")
     division, _, law = found[_told([compared for _, compared, _ in found])]
-    first, second = (_half(calibration, train, options, mask) for mask in (division.first, ~division.first))
+    first, second = (half_estimate(calibration, train, options, mask) for mask in (division.first, ~division.first))
     apart = region.apart(law, first, second)
     assert apart is not None  # it was something to first order
     return Halves(division, apart, tuple((each, compared) for each, compared, _ in found), area is not None)
@@ -171,8 +171,12 @@ def _check_enough(calibration: Calibration, train: Dataset, half: Mask) -> None:
         raise RefusedError(f"{few} {int(half.sum())}, which give no more equations than unknowns") from None
 
 
-def _half(calibration: Calibration, train: Dataset, options: Options, half: Mask) -> Array:
-    """The estimate of a half, shape (p,)."""
+def half_estimate(calibration: Calibration, train: Dataset, options: Options, half: Mask) -> Array:
+    """All parameters, shape (p,), from some of the training poses, with noise and sizes of errors of the whole fit.
+
+    Args:
+        half: which of the training poses, shape (N,).
+    """
     after = calibration.after
     given = Variances(dict(after.sigmas), after.every_factor, after.weights[half])
     own = _options(calibration, options)

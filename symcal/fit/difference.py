@@ -14,7 +14,9 @@ by what both have from the same prior. Along a direction that neither half sees 
 do not differ at all. Moving the truth moves both estimates alike, so the difference is a function of the residuals of
 the fit of both, and its squared norm T in units of its covariance is that of their projection on r directions: chi^2_r
 where the noise is known, and where it was estimated from nu degrees of freedom of those same residuals T / nu is
-Beta(r / 2, (nu - r) / 2), as for the test of [Chow1960], which this is without a prior. The prior in it is ours.
+Beta(r / 2, (nu - r) / 2), as for the test of [Chow1960], which this is without a prior. Where each estimate comes with
+a noise of its own, T / r is as Fisher's F of r and nu instead. The prior in it is ours. With several noise groups nu is
+that of their sum ([Satterthwaite1946]).
 
 c and m are 1 but for robust losses (`symcal.fit.sandwich`): rows then have their weights, and m is the variance of what
 a weighted reading pulls by.
@@ -28,7 +30,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
-from scipy.special import betaincc, chdtrc
+from scipy.special import betaincc, chdtrc, fdtrc
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -63,13 +65,15 @@ class Difference:
     """The law of y_1 - y_2, and its value for the linear model; made by `difference`.
 
     step: y_1 - y_2 of the linear model, shape (n,). covariance: shape (n, n). parts: of it, by noise group, and last
-    what comes from the prior, shape (g + 1, n, n).
+    what comes from the prior, shape (g + 1, n, n). together: the noise was told from the residuals of a fit of both, in
+    which the difference is; otherwise from those of each.
     """
 
     step: Array
     covariance: Array
     parts: Array
     dof: Sequence[float]
+    together: bool
 
     def tested(self, step: Array, metric: Array) -> Tested | None:
         """T of a difference, in the directions that matter to a metric.
@@ -94,6 +98,8 @@ class Difference:
         if inverse == 0:
             return Tested(squares, r, np.inf, float(chdtrc(r, squares)))
         nu = 1 / inverse
+        if not self.together:
+            return Tested(squares, r, nu, float(fdtrc(r, nu, squares / r)))
         if nu - r < _LEFT:
             return None
         return Tested(squares, r, nu, float(betaincc(r / 2, (nu - r) / 2, min(squares / nu, 1 - _ALL))))
@@ -145,7 +151,7 @@ def difference(rows: HalfRows, first: Mask) -> Difference:
     """
     one, other = estimate_of(rows, first), estimate_of(rows, ~first)
     scatter = one.scatter + other.scatter
-    return _law(one, other, scatter, rows.dof, rows.known[:, :-1])
+    return _law(one, other, scatter, rows.dof, rows.known[:, :-1], together=True)
 
 
 def difference_of(one: Estimate, other: Estimate, known: Array) -> Difference:
@@ -154,13 +160,16 @@ def difference_of(one: Estimate, other: Estimate, known: Array) -> Difference:
     Args:
         known: P, what both know beforehand, shape (l, n).
     """
-    return _law(one, other, np.concatenate([one.scatter, other.scatter]), [*one.dof, *other.dof], known)
+    scatter = np.concatenate([one.scatter, other.scatter])
+    return _law(one, other, scatter, [*one.dof, *other.dof], known, together=False)
 
 
-def _law(one: Estimate, other: Estimate, scatter: Array, dof: Sequence[float], known: Array) -> Difference:
+def _law(
+    one: Estimate, other: Estimate, scatter: Array, dof: Sequence[float], known: Array, *, together: bool
+) -> Difference:
     held = known @ (one.inverse - other.inverse)
     parts = np.concatenate([scatter, (held.T @ held)[None]])
-    return Difference(one.y - other.y, parts.sum(axis=0), parts, dof)
+    return Difference(one.y - other.y, parts.sum(axis=0), parts, dof, together)
 
 
 def at_least_one(p: float, count: int) -> float:

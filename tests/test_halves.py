@@ -18,6 +18,7 @@ from measured_arms import arm
 from model_check_draws import NOISE, model_of
 from numpy.typing import NDArray
 from scipy import stats
+from scipy.spatial.transform import Rotation
 
 from symcal.calibration.again import as_before, calibrated_again
 from symcal.calibration.apart import region_of
@@ -353,6 +354,21 @@ def test_a_robot_that_changed_is_told(tmp_path: Path) -> None:
     assert content["halves"]["agree"] is False
     assert content["halves"]["ratio"] > 1.5
     assert "as if the robot or the instrument had changed" in content["warnings"][-1]
+
+
+def test_an_instrument_that_was_moved_makes_no_difference(tmp_path: Path) -> None:
+    file, new, _ = calibrated(tmp_path)
+    turn = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix()
+    moved = replace(new, z=new.z @ turn.T + np.array([700.0, -300.0, 200.0]))
+    robot = load_robot(file)
+    for name, data in (("still", new), ("moved", moved)):
+        save_measurements(data, robot, tmp_path / f"{name}.csv")
+    still, there = (validate_robot(file, tmp_path / f"{name}.csv", refit=("base",)) for name in ("still", "moved"))
+    assert there["halves"]["agree"]
+    assert there["halves"]["p"] == pytest.approx(still["halves"]["p"], rel=0.02)
+    assert there["halves"]["difference_rms_mm"] == pytest.approx(still["halves"]["difference_rms_mm"], rel=0.02)
+    remounted = validate_robot(file, tmp_path / "still.csv", refit=("tool",))
+    assert remounted["halves"]["why"] == "tool may have moved on the robot in between"
 
 
 def test_second_calibrations_are_as_far_off_as_stated() -> None:

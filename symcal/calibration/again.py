@@ -27,9 +27,11 @@ from symcal.fit.redundancy import check_redundancy
 from symcal.fit.residual_rows import rows_of
 from symcal.fit.variances import Variances
 from symcal.fit.whitened import LINKS
+from symcal.model.measurement import Setup
 from symcal.model.model import Model, build_model
 from symcal.model.observation import Observation
 from symcal.model.task import Task
+from symcal.parameters import FRAME_AXES
 from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -55,26 +57,32 @@ class Again:
         return not disagree(self.apart.compared, 1)
 
 
-def calibrated_again(robot: Robot, task: Task, data: Dataset, rng: np.random.Generator) -> Again:
+def calibrated_again(
+    robot: Robot, task: Task, data: Dataset, rng: np.random.Generator, now: Setup | None = None
+) -> Again:
     """Calibrate from new measurements, and compare over the ranges of their joint readings.
 
     Args:
         robot: calibrated. task: of what measured, everything where it was before the calibration
             (`symcal.calibration.record.recorded_task`). data: all of it is used. rng: draws postures.
+        now: where base and instruments stand now with the calibrated robot, if they were moved since: predictions are
+            then compared after one rigid alignment.
     Raises:
         RefusedError: it cannot be done with these data or from what is recorded, in a sentence.
     """
     with one_thread():
-        return _again(robot, task, data, rng)
+        return _again(robot, task, data, rng, now)
 
 
-def _again(robot: Robot, task: Task, data: Dataset, rng: np.random.Generator) -> Again:
+def _again(robot: Robot, task: Task, data: Dataset, rng: np.random.Generator, now: Setup | None) -> Again:
     provenance = _recorded(robot, task)
     assert robot.record is not None
     model = as_before(robot, task, provenance)
     names = model.parameters.names
     free = tuple(name for name in names if name in provenance["learnt"])
-    first = model.parameters.vector({name: float(robot.record.errors.get(name, 0.0)) for name in names})
+    first = model.parameters.vector({name: float(robot.record.errors[name]) for name in names})
+    if now is not None:
+        model, first = _moved(model, first, free, now)
     index = model.parameters.indices(free)
     rows = rows_of(model.measurement, data, model.setup, model.residuals)
     try:
@@ -95,10 +103,24 @@ def _again(robot: Robot, task: Task, data: Dataset, rng: np.random.Generator) ->
     dof = float(provenance["dof"]) if provenance["noise_estimated"] else np.inf
     law = difference_of(_estimate(robot, free, model.parameters.scales[index], before, dof), other, before)
     q = rng.uniform(data.q.min(axis=0), data.q.max(axis=0), (POSTURES, robot.dof))
-    apart = region_of(model, model.setup, first, free, q).apart(law, first, second)
+    apart = region_of(model, model.setup, first, free, q, moved=now is not None).apart(law, first, second)
     if apart is None:
         raise RefusedError("the new poses leave too little to tell the noise by")
     return Again(apart, len(data))
+
+
+def _moved(model: Model, first: Array, free: tuple[str, ...], now: Setup) -> tuple[Model, Array]:
+    """The model where things stand now, and the recorded errors there.
+
+    Raises:
+        RefusedError: what moved was known when the robot was calibrated.
+    """
+    frames = {"base": now.base, **now.places}
+    names = {name for name in model.parameters.names if name.rpartition("_")[0] in frames}
+    if not {f"base_{axis}" for axis in FRAME_AXES} <= set(free):
+        raise RefusedError("the place of the base was known, or partly, when the robot was calibrated")
+    first = np.where([name in names for name in model.parameters.names], 0.0, first)
+    return replace(model, setup=replace(model.setup, base=now.base, places={**model.setup.places, **now.places})), first
 
 
 def _recorded(robot: Robot, task: Task) -> Mapping[str, Any]:

@@ -70,6 +70,7 @@ class Region:
 
     q: (K, dof). index, scales: of the free parameters, shape (n,). at: the tool's points, shape (K, k, 3), mm. slopes:
     of them, shape (K, 3 k, n), mm; turns: of its orientation, shape (K, 3, n), rad, None where no instrument reads it.
+    aligned: predictions are meant after one rigid alignment of all postures.
     """
 
     model: Model
@@ -80,6 +81,7 @@ class Region:
     at: Array
     slopes: Array
     turns: Array | None
+    aligned: bool
 
     def squares(self) -> tuple[Array, Array | None]:
         """Mean squares over postures (and points) of what a step y changes, as forms (n, n), mm^2 and rad^2."""
@@ -153,8 +155,7 @@ class Region:
     def _predicted(self, first: Array, second: Array) -> tuple[Array, Array | None]:
         """What two estimates predict differently: points, shape (K, k, 3), mm, and rotation vectors, (K, 3), rad."""
         where = [self.model.points(self.q, x, self.setup.vector)[0].reshape(self.at.shape) for x in (first, second)]
-        adrift = self.model.measurement.adrift
-        if adrift:
+        if self.aligned:
             moved = rigid_fit(where[1].reshape(-1, 3), where[0].reshape(-1, 3))
             where[1] = where[1] @ moved[:3, :3].T + moved[:3, 3]
         points = np.asarray(where[0] - where[1])
@@ -162,7 +163,7 @@ class Region:
             return points, None
         frames = [self.model.flange(self.q, x, self.setup.vector[:24])[0][:, :3, :3] for x in (first, second)]
         turns = Rotation.from_matrix(frames[0] @ frames[1].swapaxes(-1, -2))
-        if adrift:
+        if self.aligned:
             turns = turns * turns.mean().inv()
         return points, np.asarray(turns.as_rotvec())
 
@@ -176,10 +177,13 @@ def _root(step: Array, form: Array) -> float:
     return float(np.sqrt(max(float(step @ form @ step), 0.0)))
 
 
-def region_of(model: Model, setup: Setup, x: Array, free: tuple[str, ...], q: Array) -> Region:
+def region_of(model: Model, setup: Setup, x: Array, free: tuple[str, ...], q: Array, *, moved: bool = False) -> Region:
     """Predictions at postures q, shape (K, dof), around an estimate x, shape (p,).
 
     Where only the instruments say where the world is, they are meant after one rigid alignment of all postures.
+
+    Args:
+        moved: the robot may stand elsewhere in world for one of the estimates: the same.
     """
     index = model.parameters.indices(free)
     scales = model.parameters.scales[index]
@@ -188,7 +192,8 @@ def region_of(model: Model, setup: Setup, x: Array, free: tuple[str, ...], q: Ar
     turns = None
     if any(part.attitudes.stop > part.attitudes.start for part in model.measurement.parts):
         turns = model.flange(q, x, setup.vector[:24])[2][:, 3:, index] * scales
-    if model.measurement.adrift:
+    aligned = moved or model.measurement.adrift
+    if aligned:
         slopes = without_rigid_motion(flat.reshape(-1, 3), slopes)
         turns = None if turns is None else turns - turns.mean(axis=0)
-    return Region(model, setup, q, index, scales, flat.reshape(len(q), -1, 3), slopes, turns)
+    return Region(model, setup, q, index, scales, flat.reshape(len(q), -1, 3), slopes, turns, aligned)

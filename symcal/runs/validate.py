@@ -76,7 +76,8 @@ def validate_robot(
         recorded = recorded_task(robot.record.provenance, name, calibrated)
         kept = _of_these(recorded, instrument, names, sessions)
         model = build_model(subject, _loosened(kept, refit))
-        found = evaluate(_state(model, subject, new, refit), new)
+        state = _state(model, subject, new, refit)
+        found = evaluate(state, new)
         errors[name] = replace(found, fitted=len(model.placement)) if refit else found
     task = _of_these(task, instrument, names, sessions)
     content = {
@@ -90,7 +91,7 @@ def validate_robot(
     }
     progress("calibrating again from these alone")
     before = _of_these(recorded_task(robot.record.provenance, "before", calibrated), instrument, names, sessions)
-    with_second(content, robot, before, new, refit, sessions)
+    with_second(content, robot, before, new, refit, sessions, state.setup)
     if out is not None:
         with run_folder(out) as folder:
             write_json(folder / "results.json", content)

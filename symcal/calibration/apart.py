@@ -23,6 +23,7 @@ POSTURES = 1000
 """At which predictions are compared."""
 WITHIN = 0.95
 """Of differences at one posture, those that are within the bounds by which postures are counted."""
+_MOST = 8  # points of a target that stand for all of it
 _FLAT = 1e-8  # of the largest variance at a posture: none
 
 
@@ -154,7 +155,7 @@ class Region:
 
     def _predicted(self, first: Array, second: Array) -> tuple[Array, Array | None]:
         """What two estimates predict differently: points, shape (K, k, 3), mm, and rotation vectors, (K, 3), rad."""
-        where = [self.model.points(self.q, x, self.setup.vector)[0].reshape(self.at.shape) for x in (first, second)]
+        where = [_some(self.model.points(self.q, x, self.setup.vector)[0]) for x in (first, second)]
         if self.aligned:
             moved = rigid_fit(where[1].reshape(-1, 3), where[0].reshape(-1, 3))
             where[1] = where[1] @ moved[:3, :3].T + moved[:3, 3]
@@ -177,6 +178,13 @@ def _root(step: Array, form: Array) -> float:
     return float(np.sqrt(max(float(step @ form @ step), 0.0)))
 
 
+def _some(flat: Array) -> Array:
+    """Of rows by point, shape (K, 3 k, ...), those of a few points that stand for all, shape (K, k', 3, ...)."""
+    points = flat.reshape(len(flat), -1, 3, *flat.shape[2:])
+    count = points.shape[1]
+    return points[:, np.unique(np.linspace(0, count - 1, min(count, _MOST)).astype(int))]
+
+
 def region_of(model: Model, setup: Setup, x: Array, free: tuple[str, ...], q: Array, *, moved: bool = False) -> Region:
     """Predictions at postures q, shape (K, dof), around an estimate x, shape (p,).
 
@@ -188,12 +196,13 @@ def region_of(model: Model, setup: Setup, x: Array, free: tuple[str, ...], q: Ar
     index = model.parameters.indices(free)
     scales = model.parameters.scales[index]
     flat, jacobian = model.points(q, x, setup.vector)
-    slopes = jacobian[:, :, index] * scales
+    at = _some(flat)
+    slopes = _some(jacobian[:, :, index]).reshape(len(q), -1, len(index)) * scales
     turns = None
     if any(part.attitudes.stop > part.attitudes.start for part in model.measurement.parts):
         turns = model.flange(q, x, setup.vector[:24])[2][:, 3:, index] * scales
     aligned = moved or model.measurement.adrift
     if aligned:
-        slopes = without_rigid_motion(flat.reshape(-1, 3), slopes)
+        slopes = without_rigid_motion(at.reshape(-1, 3), slopes)
         turns = None if turns is None else turns - turns.mean(axis=0)
-    return Region(model, setup, q, index, scales, flat.reshape(len(q), -1, 3), slopes, turns, aligned)
+    return Region(model, setup, q, index, scales, at, slopes, turns, aligned)

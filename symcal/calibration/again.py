@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 from symcal.calibration.apart import POSTURES, Apart, disagree, region_of
 from symcal.calibration.calibrate import one_thread
 from symcal.data.dataset import Dataset
-from symcal.errors import RefusedError
+from symcal.errors import InputError, RefusedError
 from symcal.fit.difference import Estimate, difference_of, estimate_of
 from symcal.fit.estimation import Options
 from symcal.fit.given_variances import estimate_given
 from symcal.fit.half_rows import half_rows
+from symcal.fit.noise import known_sigma, unknown_noise
 from symcal.fit.redundancy import check_redundancy
 from symcal.fit.residual_rows import rows_of
 from symcal.fit.variances import Variances
@@ -31,7 +32,7 @@ from symcal.model.measurement import Setup
 from symcal.model.model import Model, build_model
 from symcal.model.observation import Observation
 from symcal.model.task import Task
-from symcal.parameters import FRAME_AXES
+from symcal.parameters import frame_names
 from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -91,9 +92,10 @@ def _again(robot: Robot, task: Task, data: Dataset, rng: np.random.Generator, no
         few = f"{len(data)} poses are too few for a calibration of their own"
         raise RefusedError(f"{few}: they give no more equations than unknowns") from None
     factors = {LINKS: float(provenance["size_factor"]), **provenance["size_factors"]}
-    sigmas = _noise(model, provenance)
+    sigmas, known = _noise(model, provenance)
     given = Variances(sigmas, factors, rows.seen.astype(float))
-    known = {name: sigma for name, sigma in sigmas.items() if name not in provenance["noise_estimated"]}
+    if not set(unknown_noise(rows, known_sigma(rows, known))) <= set(sigmas):
+        raise RefusedError("the noise is not recorded")
     options = Options(loss=provenance["loss"], sigma=known)
     nothing = np.zeros(len(names))
     system, second, found = estimate_given(rows, free, options, given, first, nothing, noise_too=True)
@@ -117,7 +119,7 @@ def _moved(model: Model, first: Array, free: tuple[str, ...], now: Setup) -> tup
     """
     frames = {"base": now.base, **now.places}
     names = {name for name in model.parameters.names if name.rpartition("_")[0] in frames}
-    if not {f"base_{axis}" for axis in FRAME_AXES} <= set(free):
+    if not set(frame_names("base")) <= set(free):
         raise RefusedError("the place of the base was known, or partly, when the robot was calibrated")
     first = np.where([name in names for name in model.parameters.names], 0.0, first)
     return replace(model, setup=replace(model.setup, base=now.base, places={**model.setup.places, **now.places})), first
@@ -152,9 +154,12 @@ def as_before(robot: Robot, task: Task, provenance: Mapping[str, Any]) -> Model:
     learnt = set(provenance["learnt"])
     observations = [_loosened(o, provenance["measurements"][o.name]["unknown"]) for o in task.observations]
     nominal = robot.nominal()
-    ends = [any(name.startswith(f"{frame}_") for name in learnt) for frame in ("base", "tool")]
+    ends = [not learnt.isdisjoint(frame_names(frame)) for frame in ("base", "tool")]
     free = replace(task.observed(observations), base=ends[0], tool=ends[1], fix=(), scales={}, priors={})
-    names = free.parameters(nominal).names
+    try:
+        names = free.parameters(nominal).names
+    except InputError as error:
+        raise RefusedError(f"these measurements alone do not tell all of it: {error.message}") from None
     strange = [name for name in names if name not in robot.record.errors]
     if strange:
         raise RefusedError(f"the calibration does not record what was found of {', '.join(strange)}")
@@ -176,14 +181,23 @@ def _loosened(o: Observation, unknown: Mapping[str, Any]) -> Observation:
     return replace(o, at=replace(o.at, unknown=bool(unknown["place"])), target=target)
 
 
-def _noise(model: Model, provenance: Mapping[str, Any]) -> dict[str, float]:
-    """Recorded noise by group."""
+def _noise(model: Model, provenance: Mapping[str, Any]) -> tuple[dict[str, float], dict[str, float]]:
+    """Recorded noise by group, and of it what was stated.
+
+    Where several instruments measured, the groups were called after these; of one alone they are not.
+    """
     found: dict[str, float] = {}
+    told: dict[str, float] = {}
     for group in model.measurement.groups:
-        own = provenance["noise_sigma"].get(f"{group.name}_{group.unit}")
-        if own is not None:
+        for name in (group.name, f"{group.observation} {group.name}"):
+            own = provenance["noise_sigma"].get(f"{name}_{group.unit}")
+            if own is None:
+                continue
             found[group.name] = float(own)
-    return found
+            if name not in provenance["noise_estimated"]:
+                told[group.name] = float(own)
+            break
+    return found, told
 
 
 def _estimate(robot: Robot, free: tuple[str, ...], scales: Array, before: Array, dof: float) -> Estimate:

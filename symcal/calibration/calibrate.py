@@ -200,7 +200,10 @@ def calibrated_robot(model: Model, result: Fit) -> Robot:
         "rank": result.identifiability.rank,
         "dof": result.dof,
         "size_factor": result.factor,
-        "group_factors": dict(result.factors),
+        "size_factors": dict(result.factors),
+        "noise_estimated": list(result.estimated),
+        "loss": result.loss,
+        "priors": {p.name: p.prior_sigma for p in model.parameters.items if p.prior_sigma is not None},
         "learnt": dict(zip(free, result.posterior.learnt.tolist(), strict=True)),
         "trouble": result.trouble,
     }

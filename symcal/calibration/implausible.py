@@ -20,7 +20,7 @@ def implausible(robot: Robot) -> tuple[Reason, ...]:
 
     Link parameters and joint terms are judged. The base says where the instrument stood, and nominal tools are often
     rough guesses: the sizes of their errors do not count. How large a group of joint terms is the data may have told,
-    which is then its plausible size (`group_factors` of the provenance). The limit is ours.
+    which is then its plausible size (`size_factors` of the provenance). The limit is ours.
     """
     found = []
     for p, error, told in _beyond(robot):
@@ -47,7 +47,7 @@ def _beyond(robot: Robot) -> Iterator[tuple[Parameter, float, bool]]:
     record = robot.record
     if record is None:
         return
-    factors = record.provenance.get("group_factors") or {}
+    factors = record.provenance.get("size_factors") or {}
     for p in robot.described:
         error = record.errors.get(p.name, 0.0)
         if abs(error) > IMPLAUSIBLE * p.scale:

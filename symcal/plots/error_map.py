@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from numpy.typing import NDArray
-from scipy.stats import binned_statistic_2d
 
 from symcal.planning.plan_study import PlanStudy
+from symcal.plots.cells import from_side, in_cells
 from symcal.plots.style import INK, WIDE, Illustration, print_settings, settle, sheet
 from symcal.words import number
 
@@ -31,12 +31,12 @@ def error_map(found: PlanStudy) -> Illustration:
             "from the side",
             "distance from\nthe z axis / mm",
             "z / mm",
-            _side(field.tool, base),
-            _side(tool, base),
+            from_side(field.tool, base),
+            from_side(tool, base),
         ),
     )
     cell = max(float(np.ptp(flat, axis=0).max()) for _, _, _, flat, _ in views) / _CELLS
-    panels = [_cells(flat, field.errors, cell) for _, _, _, flat, _ in views]
+    panels = [in_cells(flat, field.errors, cell) for _, _, _, flat, _ in views]
     values = np.concatenate([grid[np.isfinite(grid)] for grid, _, _ in panels])
     scale = Normalize(float(values.min()), float(values.max()))
     with print_settings():
@@ -63,17 +63,6 @@ def error_map(found: PlanStudy) -> Illustration:
         bar.set_label("predicted rms position error / mm")
         bar.outline.set_visible(False)
     return Illustration(settle(figure), "error_map", "Predicted error over the region", _caption(found))
-
-
-def _side(points: Array, base: Array) -> Array:
-    return np.column_stack([np.hypot(points[:, 0] - base[0], points[:, 1] - base[1]), points[:, 2]])
-
-
-def _cells(flat: Array, errors: Array, cell: float) -> tuple[Array, Array, Array]:
-    low, high = flat.min(axis=0), flat.max(axis=0)
-    edges = [a + cell * np.arange(int(np.ceil(max(b - a, cell) / cell)) + 1) for a, b in zip(low, high, strict=True)]
-    found = binned_statistic_2d(flat[:, 0], flat[:, 1], errors, statistic="max", bins=edges)
-    return np.asarray(found.statistic), edges[0], edges[1]
 
 
 def _caption(found: PlanStudy) -> str:

@@ -13,6 +13,7 @@ from typing import Any
 from symcal.report.decision import decision_text, warnings_beside
 from symcal.report.extension import extension_text
 from symcal.report.frames import frame_table, frames_note
+from symcal.report.halves import halves_text
 from symcal.report.handover import handover_text
 from symcal.report.images import images_text
 from symcal.report.instruments import instruments_text
@@ -72,6 +73,7 @@ def identification_text(content: Content) -> dict[str, Any]:
         "images": images_text(content),
         "extension": extension_text(content),
         "model_check": model_check_text(content.get("model_check")),
+        "halves": halves_text(content.get("halves")),
         "identifiability": _identifiability(content),
         "parameters": parameter_table(content["identification"]["parameters"], content.get("settled", {})),
         "frames": frame_table(content),

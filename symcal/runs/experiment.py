@@ -19,6 +19,7 @@ from symcal.calibration.evaluate import Errors, evaluate_each, expected_position
 from symcal.calibration.extend import calibrate_extended, planned_model, shrinking, with_directions
 from symcal.calibration.extension_facts import extension_facts
 from symcal.calibration.gross import gross_alone
+from symcal.calibration.halves import Halves
 from symcal.calibration.judgement import decide_run, with_decision
 from symcal.calibration.model_check import ModelCheck, lacks_physics, model_check
 from symcal.calibration.model_words import model_check_facts, model_warnings
@@ -39,6 +40,7 @@ from symcal.planning.plan_problem import plan_problem
 from symcal.robot.robot import Robot
 from symcal.runs.check import parallel_axes
 from symcal.runs.data import measurements
+from symcal.runs.halves import with_halves
 from symcal.runs.load import Experiment
 
 Array = NDArray[np.float64]
@@ -52,7 +54,7 @@ class Outcome:
     planned: the plan behind simulated data, if they have one. handover: what compensation achieves, where the truth is
         known. images: of a simulated measurement with a camera; its errors are against the truth. measured_in: what
         was measured in images that were given, or rendered of a board: the truth of these is in rendered. check: of the
-        model by the training data.
+        model by the training data. halves: of these, identified apart, where they can be.
     """
 
     experiment: Experiment
@@ -64,6 +66,7 @@ class Outcome:
     handover: Handover | None
     content: Mapping[str, Any]
     check: ModelCheck | None = None
+    halves: Halves | None = None
     images: ImageRun | None = None
     measured_in: tuple[EntryImages, ...] = ()
     rendered: RenderedBoards | None = None
@@ -122,6 +125,7 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     notes += worse(instruments)
     content = _content(experiment, measured, inputs, calibration, errors, notes)
     check, calibration = _with_check(content, calibration, measured, experiment)
+    halves = with_halves(content, calibration, measured, experiment, _area(experiment))
     content["instruments"] = instruments
     content["extension"] = extension_facts(calibration.extension)
     content["remainder"] = remainder_facts(calibration, np.random.default_rng(experiment.seed), _area(experiment))
@@ -143,6 +147,7 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
         handover,
         content,
         check,
+        halves,
         measured_in=found.images,
         rendered=found.rendered,
     )
@@ -183,6 +188,7 @@ def _with_images(experiment: Experiment, progress: Progress) -> Outcome:
     inputs = (experiment.document.path, experiment.robot_path, *found.inputs)
     content = _content(replace(experiment, model=found.model), found.data, inputs, calibration, found.errors, notes)
     check, calibration = _with_check(content, calibration, found.data, experiment)
+    halves = with_halves(content, calibration, found.data, experiment, _area(experiment))
     content |= found.facts
     content["against"] = AGAINST
     content["measurement"] |= {"error": ERROR, "of_tool": True}  # positions against the truth
@@ -192,7 +198,17 @@ def _with_images(experiment: Experiment, progress: Progress) -> Outcome:
     content["controller"] = correction_facts(calibration.robot)
     content["compensation"] = handover_facts(handover)
     return Outcome(
-        experiment, found.data, found.planned, found.inputs, calibration, found.errors, handover, content, check, found
+        experiment,
+        found.data,
+        found.planned,
+        found.inputs,
+        calibration,
+        found.errors,
+        handover,
+        content,
+        check,
+        halves,
+        found,
     )
 
 

@@ -66,6 +66,7 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
     from symcal.images.figures import example_images, image_figures
     from symcal.plots import identification_figures
     from symcal.plots.extension import beyond_geometry
+    from symcal.plots.halves import halves_map
     from symcal.plots.handover import handover_figures
     from symcal.plots.save import save_figures
     from symcal.report import write_report
@@ -76,6 +77,10 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
     illustrations = identification_figures(calibration, outcome.data, outcome.errors, against, check, tolerance)
     if outcome.content.get("extension"):
         illustrations += (beyond_geometry(outcome.content["extension"]),)
+    if outcome.halves is not None:
+        halves = outcome.halves
+        what = f"two halves of the training poses, {halves.division.said} and identified apart,"
+        illustrations += (halves_map(halves.apart, what, "Two halves"),)
     if outcome.handover is not None:
         illustrations += handover_figures(outcome.handover)
     if outcome.images is not None:

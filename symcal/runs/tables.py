@@ -22,7 +22,7 @@ def tables(
     content: Mapping[str, Any], calibration: Calibration, data: Dataset, errors: Mapping[str, Mapping[str, Errors]]
 ) -> dict[str, pd.DataFrame]:
     """Parameters, accuracy, errors per observation (per pose of targets with many points), correlation, outliers, the
-    corrections as a controller asks for them, and what residuals were tested for.
+    corrections as a controller asks for them, what residuals were tested for, and halves of the training poses.
 
     Args:
         content: of results.json. errors: by data (`train`, `test`) and state.
@@ -39,7 +39,7 @@ def tables(
             for quantity, values in quantities.items()
         ]
     )
-    known = calibration.after.posterior
+    known, halves = calibration.after.posterior, content.get("halves") or {}
     matrix = pd.DataFrame(known.correlation(), columns=list(known.names))
     matrix.insert(0, "parameter", list(known.names))
     return {
@@ -50,6 +50,7 @@ def tables(
         "outliers": pd.DataFrame(content["outliers"], columns=[column.name for column in fields(Outlier)]),
         "corrections": corrections(calibration.robot),
         **({"model_check": pd.DataFrame(content["model_check"]["tests"])} if "model_check" in content else {}),
+        **({"halves": pd.DataFrame(halves["divisions"])} if halves.get("divisions") else {}),
     }
 
 

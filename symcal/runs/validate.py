@@ -28,6 +28,7 @@ from symcal.model.task import Task
 from symcal.robot.files import load_robot
 from symcal.robot.robot import Robot
 from symcal.runs.folder import run_folder, write_json
+from symcal.runs.halves import with_second
 
 
 def validate_robot(
@@ -42,6 +43,8 @@ def validate_robot(
     """Errors of a calibrated robot on new measurements of the kind it was calibrated with.
 
     `before` is nominal kinematics with the frames that were fitted on the training data, `after` the calibrated robot.
+
+    A calibration from the new measurements alone is compared with the recorded one (`halves`), where they are enough.
 
     The file may have the canonical columns or those that the calibration was read from.
 
@@ -93,6 +96,9 @@ def validate_robot(
         "decision": decide_validation(robot, judged["before"], errors, new.q, tolerance).facts,
         "against": results.against(task),
     }
+    progress("calibrating again from these alone")
+    before = _of_these(recorded_task(robot.record.provenance, "before", calibrated), instrument, names, sessions)
+    with_second(content, robot, before, new, refit, sessions, judged["after"].setup)
     if out is not None:
         with run_folder(out) as folder:
             write_json(folder / "results.json", content)

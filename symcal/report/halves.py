@@ -1,0 +1,40 @@
+"""Two halves of the training poses compared: the sentence, and every division."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from symcal.words import number, plural
+
+
+def halves_text(found: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """Sentence, rows of a table and its note; None where nothing was compared.
+
+    Args:
+        found: of results.json.
+    """
+    if not found:
+        return None
+    sentence = f"{found['text'][:1].upper()}{found['text'][1:]}."
+    if found["agree"] is None:
+        return {"sentence": sentence, "rows": [], "note": ""}
+    count = len(found["divisions"])
+    note = (
+        f"By how much the halves of {plural(count, 'division')} differ in what they predict of the tool over the "
+        f"{found['over']}, to first order, and what their stated uncertainties let expect. p is the probability of "
+        "such a difference by chance, of each division alone; the text has that of the least of all of them. Halves "
+        "drawn by chance cannot show what the model lacks, which is for them like more noise; those that a joint "
+        "divides do. Noise and sizes of errors are those of all training poses."
+    )
+    return {"sentence": sentence, "rows": [_row(each, found["division"]) for each in found["divisions"]], "note": note}
+
+
+def _row(each: Mapping[str, Any], told: str) -> dict[str, Any]:
+    cells = [
+        each["halves"],
+        number(each["difference_rms_mm"], 2),
+        number(each["predicted_rms_mm"], 2),
+        number(each["p"], 1 if each["p"] < 0.001 else 2) if each["p"] > 1e-12 else "0",
+    ]
+    return {"cells": cells, "strong": each["name"] == told}

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal import kinematics
-from symcal.calibration.difference import Difference, Estimate, difference
+from symcal.calibration.parameter_difference import Difference, Estimate, difference
 from symcal.calibration.same_robot import what_differs
 from symcal.calibration.tool_difference import ToolDifference, tool_difference
 from symcal.errors import InputError, RefusedError

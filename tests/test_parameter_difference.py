@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from symcal.calibration.difference import Difference, Estimate, difference, holm
+from symcal.calibration.parameter_difference import Difference, Estimate, difference, holm
 
 SIZES = np.array([1.0, 0.01, 3.0, 0.2, 1.0])
 DRAWS = 800

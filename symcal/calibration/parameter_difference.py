@@ -22,8 +22,8 @@ difference of plausible size could be told; d is tested there and nowhere else. 
 information and drops out. Where noise was estimated, squares are F distributed and single parameters Student's t, with
 degrees of freedom after [Satterthwaite1946]. Names are given at a simultaneous level after [Holm1979].
 
-All of it is ours, but for the two laws. Halves of one data set are compared from their rows (`symcal.fit.difference`, the
-same covariance); here posteriors are enough, and parameters are named.
+All of it is ours, but for the two laws. Halves of one data set are compared from their rows, with the same covariance
+(`symcal.fit.difference`); here posteriors are enough, and parameters are named.
 """
 
 from __future__ import annotations

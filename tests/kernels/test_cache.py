@@ -99,7 +99,7 @@ def test_a_library_without_the_function_is_compiled_again(cache: Path, tmp_path:
     library = kept(cache)
     other = c_library(tmp_path / "other.so", "int nothing_here;")
     library.unlink()
-    key = library.name.split("-")[0]
+    key = library.stem.split("-")[0]
     place = library.with_name(f"{key}-{hashlib.sha256(other).hexdigest()}.so") if own_hash else library
     place.write_bytes(other)
     child(cache, tmp_path)
@@ -124,7 +124,7 @@ def poisoned(cache: Path, tmp_path: Path) -> Callable[[Path], Path]:
     mark = tmp_path / "it_ran"
     text = f'#include <stdio.h>\n__attribute__((constructor)) static void run(void) {{ fopen("{mark}", "w"); }}\n'
     poison = c_library(tmp_path / "poison.so", text + "void symcal_kernel(void) {}")
-    key = kept(cache).name.split("-")[0]
+    key = kept(cache).stem.split("-")[0]
 
     def fill(folder: Path) -> Path:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)

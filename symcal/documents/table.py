@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
@@ -20,7 +21,7 @@ Array = NDArray[np.float64]
 
 _DELIMITERS = (",", ";", "\t")
 _DIGITS = 400  # of a number; 1e-308 written out has 324
-_MOST_ROWS, _MOST_CELLS = 250_000, 4_000_000
+_MOST_ROWS, _MOST_COLUMNS, _MOST_CELLS = 250_000, 10_000, 4_000_000
 
 LARGEST = 1e12
 """Beyond this a cell is no length, angle or pixel, in whatever unit: its powers would overflow."""
@@ -195,12 +196,14 @@ def read_table(
     if not content:
         raise InputError("the file is empty", file=path)
     delimiter = delimiter or max(_DELIMITERS, key=content[0][1].count)
-    cells = text.count(delimiter) + len(content)
-    if len(content) > _MOST_ROWS or cells > _MOST_CELLS:
+    count, cells = len(content) - 1, text.count(delimiter) + len(content)
+    if count > _MOST_ROWS or cells > _MOST_CELLS:
         limits = f"at most {_MOST_ROWS} rows and {_MOST_CELLS} cells are read: take every n-th pose"
-        raise InputError(f"the table has {len(content)} rows and {cells} cells; {limits}", file=path)
+        raise InputError(f"the table has {count} rows and {cells} cells; {limits}", file=path)
     parsed = [(number, _cells(path, number, line, delimiter)) for number, line in content]
     (head_line, header), rows = parsed[0], [(number, row) for number, row in parsed[1:] if any(row)]
+    if len(header) > _MOST_COLUMNS:
+        raise InputError(f"the table has {len(header)} columns: at most {_MOST_COLUMNS} are read", file=path)
     if all(_NUMBER.fullmatch(name) for name in header):
         message = "the first line must name the columns, each with its unit: here it is numbers"
         raise InputError(message, file=path, line=head_line)
@@ -211,8 +214,9 @@ def read_table(
     hidden = sum(line.lstrip().startswith("#") and line.count(delimiter) == len(header) - 1 > 0 for line in lines)
     named = [i for i, name in enumerate(header) if name or any(row[i] for _, row in rows)]  # spreadsheets leave ',,'
     header = tuple(header[i] for i in named)
+    times = Counter(header)
     for name in header:
-        if not name or header.count(name) > 1:
+        if not name or times[name] > 1:
             message = "two columns have this name" if name else "a column without a name"
             raise InputError(message, file=path, line=head_line, found=name or None)
     return Table(

@@ -88,7 +88,7 @@ def read_plan(path: Path | str, robot: Robot) -> tuple[Array, tuple[str, ...]]:
     for i, name in enumerate(names):  # several observations of one pose are one pose
         first.setdefault(name, i)
     start = np.array([first[name] for name in names])
-    for i in np.flatnonzero(np.abs(poses - poses[start]).max(axis=1, initial=0.0) > 1e-9):
+    for i in np.flatnonzero(np.abs(poses - poses[start]).max(axis=1, initial=0.0) > 1e-9).tolist():
         message = f"this pose stands in line {table.lines[start[i]]} with other joint readings"
         raise InputError(message, file=path, line=table.lines[i], key="pose", found=names[i])
     kept = list(first.values())

@@ -16,7 +16,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
-from symcal.documents.read import DOCUMENT_LIMIT, read_text
+from symcal.documents.read import CONTROL, DOCUMENT_LIMIT, read_text
 from symcal.documents.yaml_dialect import TAG, Dumper, compose
 from symcal.errors import InputError
 
@@ -124,6 +124,9 @@ def read_document(path: Path | str) -> Document:
     return Document(path, data, lines)
 
 
+_LINE = re.compile("\r\n|[\r\n\x85\u2028\u2029]")  # as YAML counts them
+
+
 def _invalid(error: yaml.MarkedYAMLError, text: str, path: Path) -> InputError:
     """The parser's error in words that help."""
     mark, problem = error.problem_mark, str(error.problem)
@@ -131,7 +134,7 @@ def _invalid(error: yaml.MarkedYAMLError, text: str, path: Path) -> InputError:
         return InputError(f"not valid YAML: {problem}", file=path)
     if "nesting" in problem:  # libyaml's own limit
         problem = "nested too deeply"
-    elif text.split("\n")[mark.line].lstrip(" ").startswith("\t"):
+    elif any(line.lstrip(" ").startswith("\t") for line in _LINE.split(text)[mark.line : mark.line + 1]):
         problem = "indent with spaces, not tabs"
     return InputError(f"not valid YAML: {problem}", file=path, line=mark.line + 1)
 
@@ -158,10 +161,10 @@ def validate(document: Document, model: type[Model]) -> Model:
     """The document as a checked, frozen schema object.
 
     Raises:
-        InputError: a number beyond `LARGEST`; else the first thing wrong, with its line, key and the allowed values
-        (further ones are counted).
+        InputError: a number beyond `LARGEST`, a control character; else the first thing wrong, with its line, key and
+        the allowed values (further ones are counted).
     """
-    _insist_on_numbers_in_range(document, document.data, ())
+    _insist_on_plain_values(document, document.data, ())
     try:
         return model.model_validate(document.data)
     except ValidationError as error:
@@ -170,14 +173,18 @@ def validate(document: Document, model: type[Model]) -> Model:
         raise _explain(document, model, first, len(error.errors()) - 1) from None
 
 
-def _insist_on_numbers_in_range(document: Document, data: object, key: Key) -> None:
-    """Whole numbers may be large where they are names (a seed); 18 digits at most, as the dialect has it."""
+def _insist_on_plain_values(document: Document, data: object, key: Key) -> None:
+    """No number beyond `LARGEST`, but for names of what is random (a seed); no text that steers a terminal."""
     if isinstance(data, dict):
         for name, value in data.items():
-            _insist_on_numbers_in_range(document, value, (*key, name))
+            _insist_on_plain_values(document, name, (*key, name))
+            _insist_on_plain_values(document, value, (*key, name))
     elif isinstance(data, list):
         for index, value in enumerate(data):
-            _insist_on_numbers_in_range(document, value, (*key, index))
+            _insist_on_plain_values(document, value, (*key, index))
+    elif isinstance(data, str):
+        if CONTROL.search(data):
+            raise document.error("a control character in this text", key, found=data)
     elif isinstance(data, (int, float)) and math.isfinite(data) and abs(data) > LARGEST and key[-1:] != ("seed",):
         raise document.error(f"no number here can be larger than {LARGEST:g}", key, found=data)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import stat
 from pathlib import Path
 
@@ -15,6 +16,9 @@ DOCUMENT_LIMIT = 4 * MB
 
 TABLE_LIMIT = 64 * MB
 """Bytes of a CSV file."""
+
+CONTROL = re.compile("[\0-\x08\x0b\x0c\x0e-\x1f\x7f-\x84\x86-\x9f\u202a-\u202e\u2066-\u2069]")
+"""Characters that steer a terminal, or show a text in another order than it has; no name here needs one."""
 
 _KINDS = (
     (stat.S_ISDIR, "a folder"),

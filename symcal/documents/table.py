@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.documents.read import TABLE_LIMIT, read_text
+from symcal.documents.read import CONTROL, TABLE_LIMIT, read_text
 from symcal.errors import InputError
 from symcal.units import ANGLE, LENGTH, PIXEL, split_unit
 
@@ -191,7 +191,12 @@ def read_table(
     """
     path = Path(path)
     text = read_text(path, TABLE_LIMIT, "utf-8-sig")
-    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    odd = CONTROL.search(text)
+    if odd:
+        line = text.count("\n", 0, odd.start()) + 1
+        raise InputError("a control character in the text: is this a CSV file?", file=path, line=line)
+    lines = text.split("\n")
     content = [(i, line) for i, line in enumerate(lines, start=1) if line.strip() and not line.lstrip().startswith("#")]
     if not content:
         raise InputError("the file is empty", file=path)

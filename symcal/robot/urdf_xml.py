@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from symcal import spatial
 from symcal.documents.document import LARGEST
-from symcal.documents.read import MB, read_bytes
+from symcal.documents.read import CONTROL, MB, read_bytes
 from symcal.errors import InputError
 
 Array = NDArray[np.float64]
@@ -63,6 +63,8 @@ def read_urdf(path: Path) -> Element:
         if count > _MOST or len(stack) > _DEEPEST:
             what = f"more than {_MOST} elements" if count > _MOST else "elements nested too deeply"
             raise InputError(f"{what}: not the file of a robot", file=path, line=parser.CurrentLineNumber)
+        if any(CONTROL.search(text) for text in attributes.values()):
+            raise InputError("a control character in this element", file=path, line=parser.CurrentLineNumber, key=tag)
         element = Element(tag, attributes, parser.CurrentLineNumber)
         stack[-1].children.append(element)
         stack.append(element)

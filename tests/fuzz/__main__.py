@@ -48,8 +48,15 @@ def watched(reader: str, start: int, stop: int) -> list[tuple[int, str, str]]:
         process.wait()
         if len(done) < stop - start:
             noise.seek(0)
-            done.append((start + len(done), "finding", f"killed or hung: {noise.read()[-2000:].decode(errors='replace')}"))
+            done.append(
+                (start + len(done), "finding", f"killed or hung: {noise.read()[-2000:].decode(errors='replace')}")
+            )
     return done
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(text + "\n")
+    sys.stdout.flush()
 
 
 def main() -> int:
@@ -68,13 +75,12 @@ def main() -> int:
             for at, kind, said in watched(reader, at, stop):  # noqa: B020 - goes on behind one that ended the worker
                 counts[kind] += 1
                 if kind == "finding":
-                    print(f"--- {reader} {at}\n{said}", flush=True)
+                    _say(f"--- {reader} {at}\n{said}")
             at += 1
         found += counts["finding"]
-        print(
+        _say(
             f"{reader}: {counts.total()} inputs, {counts['ok']} read, {counts['refused']} refused, "
-            f"{counts['finding']} findings, {time.monotonic() - began:.0f} s",
-            flush=True,
+            f"{counts['finding']} findings, {time.monotonic() - began:.0f} s"
         )
     return 1 if found else 0
 
@@ -85,7 +91,7 @@ def _replay(reader: str, seed: str, file: str | None = None) -> int:
     if file is not None:
         Path(file).write_bytes(content)
     (outcome,) = outcomes(reader, range(int(seed), int(seed) + 1))
-    print(f"{content[:2000]!r}\n{outcome.kind}: {outcome.said}")
+    _say(f"{content[:2000]!r}\n{outcome.kind}: {outcome.said}")
     return 1 if outcome.kind == "finding" else 0
 
 

@@ -157,8 +157,12 @@ def _images(_: Path) -> list[bytes]:
     grey = np.random.default_rng(2).integers(0, 255, (24, 32)).astype(np.uint8)
     colour = np.dstack([grey, grey.T[:24, :24].repeat(2, axis=1)[:, :32], 255 - grey])
     formats = (".png", ".jpg", ".bmp", ".tiff", ".pgm", ".ppm", ".webp")
-    pictures = [cv2.imencode(suffix, picture)[1].tobytes() for suffix in formats for picture in (grey, colour)
-                if (suffix, picture is colour) not in ((".pgm", True), (".ppm", False))]
+    pictures = [
+        cv2.imencode(suffix, picture)[1].tobytes()
+        for suffix in formats
+        for picture in (grey, colour)
+        if (suffix, picture is colour) not in ((".pgm", True), (".ppm", False))
+    ]
     deep = [cv2.imencode(s, grey.astype(np.uint16) * 16)[1].tobytes() for s in (".png", ".tiff", ".pgm")]
     return [*pictures, *deep, cv2.imencode(".tiff", grey.astype(np.float32))[1].tobytes()]
 
@@ -195,8 +199,11 @@ def _corners(path: Path) -> object:
 
 
 def _corner_list(_: Path) -> list[bytes]:
-    rows = [f"v{v},{i},{i % 4 * 25},{i // 4 * 25},{100 + 20 * (i % 4) + v},{90 + 21 * (i // 4)}"
-            for v in range(3) for i in range(16)]
+    rows = [
+        f"v{v},{i},{i % 4 * 25},{i // 4 * 25},{100 + 20 * (i % 4) + v},{90 + 21 * (i // 4)}"
+        for v in range(3)
+        for i in range(16)
+    ]
     return ["\n".join(["view,id,X_mm,Y_mm,u,v", *rows]).encode()]
 
 
@@ -225,10 +232,25 @@ def _urdf(path: Path) -> object:
     return load_urdf(path, "base", "tip")
 
 
-_SETS = ("seed=7", "identification.loss=cauchy", "data.truth.errors.theta_1=0.01", "name=x", "title='a b'",
-         "identification.fix=[theta_1, d_1]", "plan.poses=10", "units.length=m", "data={source: file, file: x.csv}")
-_BOARDS = ("chessboard:9x6:25mm", "asymmetric_circles:4x11:2cm", "circles:4x5:0.02m",
-           "charuco:5x7:30mm:22mm:DICT_4X4_50", "charuco:12x9:30mm:22mm", "aprilgrid:6x6:30mm:9mm")
+_SETS = (
+    "seed=7",
+    "identification.loss=cauchy",
+    "data.truth.errors.theta_1=0.01",
+    "name=x",
+    "title='a b'",
+    "identification.fix=[theta_1, d_1]",
+    "plan.poses=10",
+    "units.length=m",
+    "data={source: file, file: x.csv}",
+)
+_BOARDS = (
+    "chessboard:9x6:25mm",
+    "asymmetric_circles:4x11:2cm",
+    "circles:4x5:0.02m",
+    "charuco:5x7:30mm:22mm:DICT_4X4_50",
+    "charuco:12x9:30mm:22mm",
+    "aprilgrid:6x6:30mm:9mm",
+)
 
 READERS: dict[str, Reader] = {
     "robot": Reader(lambda path: sc.load_robot(path).reach, _robots),

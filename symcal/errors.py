@@ -50,7 +50,8 @@ class InputError(SymcalError):
             where += f":{self.line}" if where else f"line {self.line}"
         key = f"key '{_short(self.key)}'" if self.key else ""
         column = f"column '{_short(self.column)}'" if self.column else ""
-        text = ": ".join(part for part in (where, key, column, self.message) if part)
+        message = self.message if len(self.message) <= _LONGEST else self.message[:_LONGEST] + "..."
+        text = ": ".join(part for part in (where, key, column, message) if part)
         if self.found is not None:
             text += f" (found: {_short(self.found)})"
         if self.allowed:
@@ -72,7 +73,7 @@ def _short(text: str) -> str:
     return text if len(text) <= 80 else text[:77] + "..."
 
 
-_CUT = 1000
+_CUT, _LONGEST = 1000, 2000  # characters: of a name that is looked at, of a message (which may quote some)
 
 
 def printable(text: str) -> str:

@@ -18,9 +18,9 @@ from collections import Counter
 from pathlib import Path
 
 from .readers import READERS, ROOT
-from .worker import SECONDS, input_of, outcomes
+from .worker import WAITING, input_of, outcomes
 
-_SILENT_S = SECONDS + 10.0  # nothing said for so long: hangs where no signal reaches it
+_SILENT_S = WAITING + 30.0  # nothing said for so long: hangs where no signal reaches it
 _START_S = 120.0
 
 

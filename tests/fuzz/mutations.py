@@ -1,3 +1,4 @@
+# ruff: noqa: SIM905 - lists of words are read more easily as text
 """Inputs made worse: bytes flipped, lines moved, words replaced by nasty ones, files cut and spliced."""
 
 from __future__ import annotations

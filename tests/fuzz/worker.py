@@ -18,7 +18,8 @@ import numpy as np
 from .mutations import mutated
 from .readers import READERS
 
-SECONDS = 5.0
+SECONDS, WAITING = 5.0, 30.0
+"""Of computing, and of waiting: a machine may be busy with other things."""
 MEMORY = 2**30
 
 
@@ -56,7 +57,7 @@ def outcomes(reader: str, numbers: range) -> Iterator[Outcome]:
         raise TooLong
 
     one = READERS[reader]
-    before = signal.signal(signal.SIGALRM, late)
+    before = {number: signal.signal(number, late) for number in (signal.SIGALRM, signal.SIGPROF)}
     try:
         with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -64,7 +65,8 @@ def outcomes(reader: str, numbers: range) -> Iterator[Outcome]:
             seeds = one.seeds(Path(folder))
             for number in numbers:
                 path.write_bytes(input_of(reader, number, seeds))
-                signal.setitimer(signal.ITIMER_REAL, SECONDS)
+                signal.setitimer(signal.ITIMER_PROF, SECONDS)
+                signal.setitimer(signal.ITIMER_REAL, WAITING)
                 try:
                     one.read(path)
                     outcome = Outcome(reader, number, "ok")
@@ -73,14 +75,16 @@ def outcomes(reader: str, numbers: range) -> Iterator[Outcome]:
                     fine = all(c.isprintable() or c == "\n" for c in text) and len(text) < 20_000
                     outcome = Outcome(reader, number, "refused" if fine else "finding", text if fine else repr(text))
                 except TooLong:
-                    outcome = Outcome(reader, number, "finding", "longer than 5 s\n" + traceback.format_exc())
+                    outcome = Outcome(reader, number, "finding", "too long\n" + traceback.format_exc())
                 except BaseException:  # noqa: BLE001 - that is what is looked for
                     outcome = Outcome(reader, number, "finding", traceback.format_exc())
                 finally:
+                    signal.setitimer(signal.ITIMER_PROF, 0)
                     signal.setitimer(signal.ITIMER_REAL, 0)
                 yield outcome
     finally:
-        signal.signal(signal.SIGALRM, before)
+        for clock, handler in before.items():
+            signal.signal(clock, handler)
 
 
 def serve(reader: str, start: int, stop: int, pipe: int) -> None:

@@ -40,7 +40,7 @@ def test_the_search_finds(monkeypatch: pytest.MonkeyPatch) -> None:
 
     from fuzz import worker
 
-    from symcal.errors import InputError
+    from symcal.errors import InputError, SymcalError
 
     monkeypatch.setattr(worker, "WAITING", 0.2)
 
@@ -55,7 +55,7 @@ def test_the_search_finds(monkeypatch: pytest.MonkeyPatch) -> None:
             case b"3":
                 raise MemoryError
             case b"4":
-                raise InputError("x" * 50_000)
+                raise SymcalError("\x1b[2J")
             case b"5":
                 raise InputError("refused")
 

@@ -10,7 +10,9 @@ import subprocess
 import sys
 import zlib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import cv2
 import numpy as np
@@ -273,6 +275,21 @@ def test_an_error_about_much_is_short_and_quick() -> None:
     said = str(InputError("x", found="y" * 5_000_000, allowed=[f"name {i}" for i in range(300_000)]))
     assert len(said) < 5000
     assert "299900 more" in said
+
+
+printable = st.text(st.characters(exclude_categories=("C", "Zl", "Zp")), min_size=1).filter(str.isprintable)
+
+
+@given(st.lists(printable, min_size=4, max_size=4, unique=True))
+def test_names_in_a_urdf_file_are_read_by_another_parser(tmp_path: Path, names: list[str]) -> None:
+    """Python's own XML reader is the witness."""
+    links = tuple(
+        replace(link, joint=replace(link.joint, name=name)) for link, name in zip(arm().links, names[1:], strict=True)
+    )
+    sc.save_urdf(replace(arm(), name=names[0], links=links), tmp_path / "arm.urdf")
+    root = ElementTree.parse(tmp_path / "arm.urdf").getroot()
+    assert root.get("name") == names[0]
+    assert [joint.get("name") for joint in root.iter("joint")][:3] == names[1:]
 
 
 # -------------------------------------------------------------------------------------------------------------- images

@@ -15,7 +15,7 @@ from symcal.cli.deliver import compensate, export, import_, schema
 from symcal.cli.identify import check, identify, run, validate
 from symcal.cli.images import board, camera, measure
 from symcal.cli.plan import plan
-from symcal.errors import SymcalError
+from symcal.errors import SymcalError, printable
 
 for command in (run, plan, board, camera, measure, identify, check, validate, compensate, export):
     app.command()(command)
@@ -32,7 +32,7 @@ def main() -> None:
         finally:
             sys.stdout.flush()  # here, where it can still be said that it failed
     except SymcalError as error:
-        _say(f"{error}")
+        _say(printable(str(error)))
     except OSError as error:
         if error.errno not in _NO_ROOM:
             raise

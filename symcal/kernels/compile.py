@@ -177,14 +177,15 @@ def _build(compiler: Compiler, flags: tuple[str, ...], source: str, folder: Path
 
 
 def _to_disk(path: Path) -> None:
-    """So that a power cut leaves the whole file, or none of that name."""
+    """So that a power cut costs nothing but time, where the file system can promise it: the hash is what is relied on."""
     if sys.platform == "win32":  # where a folder cannot be opened, nor a file flushed that is open for reading
         return
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+    with contextlib.suppress(OSError):
+        handle = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 def _sweep(folder: Path) -> None:

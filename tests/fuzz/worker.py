@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import signal
 import tempfile
 import traceback
@@ -44,6 +43,8 @@ def input_of(reader: str, seed: int, seeds: list[bytes]) -> bytes:
 
 def limit_memory() -> None:
     """From here on this process may take a GB more than it has."""
+    import resource  # not everywhere
+
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     limit = pages * resource.getpagesize() + MEMORY
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))

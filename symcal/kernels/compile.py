@@ -177,7 +177,7 @@ def _build(compiler: Compiler, flags: tuple[str, ...], source: str, folder: Path
 
 
 def _to_disk(path: Path) -> None:
-    """So that a power cut costs nothing but time, where the file system can promise it: the hash is what is relied on."""
+    """So that a power cut costs nothing, where the file system can promise that; the hash is what is relied on."""
     if sys.platform == "win32":  # where a folder cannot be opened, nor a file flushed that is open for reading
         return
     with contextlib.suppress(OSError):

@@ -48,17 +48,44 @@ class InputError(SymcalError):
         where = "" if self.file is None else str(self.file)
         if self.line is not None:
             where += f":{self.line}" if where else f"line {self.line}"
-        key = f"key '{self.key}'" if self.key else ""
-        column = f"column '{self.column}'" if self.column else ""
-        text = ": ".join(part for part in (where, key, column, self.message) if part)
+        key = f"key '{_short(self.key)}'" if self.key else ""
+        column = f"column '{_short(self.column)}'" if self.column else ""
+        message = self.message if len(self.message) <= _LONGEST else self.message[:_LONGEST] + "..."
+        text = ": ".join(part for part in (where, key, column, message) if part)
         if self.found is not None:
-            found = " ".join(self.found.split())
-            text += f" (found: {found if len(found) <= 80 else found[:77] + '...'})"
+            text += f" (found: {_short(self.found)})"
         if self.allowed:
-            close = get_close_matches(self.found or (self.key or "").rpartition(".")[2], self.allowed, n=1)
+            asked = _short(self.found or (self.key or "").rpartition(".")[2])
+            close = get_close_matches(asked, map(_short, self.allowed[:_COMPARED]), n=1)
             hint = f"did you mean '{close[0]}'? " if close else ""
-            text += f"; {hint}allowed: {', '.join(self.allowed)}"
+            more = len(self.allowed) - _LISTED
+            tail = f", and {more} more" if more > 0 else ""
+            text += f"; {hint}allowed: {', '.join(map(_short, self.allowed[:_LISTED]))}{tail}"
+        return printable(text)
+
+
+_LISTED, _COMPARED = 100, 1000  # of the allowed values: those shown, and those that a typing error may have meant
+
+
+def _short(text: str) -> str:
+    """In one line, and no longer than a name may be."""
+    text = " ".join(text[:_CUT].split())
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+_CUT, _LONGEST = 1000, 2000  # characters: of a name that is looked at, of a message (which may quote some)
+
+
+def printable(text: str) -> str:
+    """Text with every character escaped that a terminal would obey, or could not show.
+
+    Names in files may hold the control sequences that clear a screen or rewrite a line.
+    """
+    if text.isprintable():
         return text
+    return "".join(
+        c if c.isprintable() or c == "\n" else c.encode("unicode_escape", "surrogatepass").decode() for c in text
+    )
 
 
 class RefusedError(SymcalError):

@@ -134,7 +134,7 @@ def test_a_slip_in_any_file_is_one_line_and_nothing_is_written(symcal, experimen
     ("arguments", "words"),
     [
         (("run", "nothing.yaml"), "nothing.yaml: there is no such file"),
-        (("run", "."), "the file cannot be read: Is a directory"),
+        (("run", "."), "this is a folder"),
         (("run", "robot.yaml"), "this is a robot file"),
         (("run", "data.csv"), "expected 'key: value' lines"),
         (("check", "data.csv"), "expected 'key: value' lines"),

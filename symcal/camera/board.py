@@ -26,6 +26,9 @@ _FORMS = {
 }
 
 
+_MOST, _LARGEST_MM = 40_000, 10_000.0  # points and mm that no board has; ours
+
+
 @dataclass(frozen=True, slots=True)
 class Board:
     """A printed calibration board.
@@ -52,8 +55,11 @@ class Board:
         least = {"chessboard": 3, "aprilgrid": 1}.get(self.kind, 2)
         if min(self.columns, self.rows) < least:
             raise InputError("too few columns or rows", key="board", found=f"{self.columns}x{self.rows}")
-        if not self.square > 0:
-            raise InputError("the spacing must be positive", key="board", found=self.square)
+        if self.columns * self.rows > _MOST:
+            raise InputError(f"more than {_MOST} squares or circles", key="board", found=f"{self.columns}x{self.rows}")
+        if not 0 < self.square <= _LARGEST_MM:
+            problem = "positive" if not self.square > 0 else "10 m at most"
+            raise InputError(f"the spacing must be {problem}", key="board", found=self.square)
         charuco, aprilgrid = self.kind == "charuco", self.kind == "aprilgrid"
         if charuco != (self.marker is not None) or (charuco or aprilgrid) != (self.dictionary is not None):
             wanted = f"a board with markers needs their size and dictionary: {_FORMS.get(self.kind, '')}"
@@ -126,7 +132,7 @@ def parse_board(text: str) -> Board:
             raise InputError(message, key="board", found=text)
         raise InputError("unknown kind of board", key="board", found=kind, allowed=get_args(BoardKind))
     size, *details = rest.split(":")
-    counts = re.fullmatch(r"(\d+)x(\d+)", size)
+    counts = re.fullmatch(r"([0-9]{1,6})x([0-9]{1,6})", size)
     lengths = 2 if kind in ("charuco", "aprilgrid") else 1
     if lengths == 1 and len(details) > 1:
         message = "marker size and dictionary belong to charuco boards, tags and gaps to an aprilgrid, and to no other"
@@ -155,7 +161,7 @@ def _smallest_dictionary(columns: int, rows: int) -> str:
 
 
 def _length(text: str) -> float:
-    match = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+)\s*(mm|cm|m)", text)
+    match = re.fullmatch(r"([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*(mm|cm|m)", text)
     if match is None:
         raise InputError("a length is a positive number with its unit, such as 25mm", key="board", found=text)
     return float(match[1]) * _MM[match[2]]

@@ -55,8 +55,8 @@ class CameraFile(Strict):
 
     schema_: Literal["symcal/camera/1"] = Field(default="symcal/camera/1", alias="schema")
     units: ImageUnits
-    width: Annotated[int, Field(gt=0)]
-    height: Annotated[int, Field(gt=0)]
+    width: Annotated[int, Field(gt=0, le=100_000)]
+    height: Annotated[int, Field(gt=0, le=100_000)]
     intrinsics: Intrinsics | None = None
     lens: Lens | None = None
     distortion: Distortion = Distortion()

@@ -122,7 +122,7 @@ def _size(text: str) -> tuple[int, int]:
 
     from symcal.errors import InputError
 
-    match = re.fullmatch(r"\s*([1-9]\d*)\s*[xX]\s*([1-9]\d*)\s*", text)
+    match = re.fullmatch(r"\s*([1-9][0-9]{0,5})\s*[xX]\s*([1-9][0-9]{0,5})\s*", text)
     if match is None:
         raise InputError("an image's size is WIDTHxHEIGHT in px, such as 640x480", key="--size", found=text)
     return int(match[1]), int(match[2])

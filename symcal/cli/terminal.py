@@ -55,7 +55,7 @@ def print_measured(measured: Any) -> None:
     seen = len(data.only.features)
     console.print(f"{len(data)} images measured, up to {seen} points each")
     if measured.where:
-        console.print(measured.where)
+        console.print(escape(measured.where))
     for name, reason in measured.failures:
         console.print(f"not measured: {escape(name)}: {escape(reason)}")
     for note in measured.notes:
@@ -293,9 +293,9 @@ def print_check(found: Any, data: Sequence[str] = ()) -> None:
     rpy = ", ".join(f"{v:.6f}" for v in np.rad2deg(matrix_rpy(pose[:3, :3])))
     console.print(f"\ntool in world with all readings at zero: xyz ({xyz}) mm, rpy ({rpy}) deg")
     for name, seen in found.seen.items():
-        console.print(f"\n{name}: {seen.numerical_rank} of {len(seen.names)} parameter directions can be seen")
+        console.print(f"\n{escape(name)}: {seen.numerical_rank} of {len(seen.names)} parameter directions can be seen")
         for direction in seen.unseen():
-            console.print(f"  - {direction.text}")
+            console.print(f"  - {escape(direction.text)}")
     if found.instruments:
         console.print()
         console.print(_added_table(found.instruments))

@@ -66,7 +66,7 @@ class SimulatedData(Strict):
     source: Literal["simulated"]
     truth: Truth
     noise: SimulatedNoise = SimulatedNoise()
-    test_poses: Annotated[int, Field(ge=0)] = 1000
+    test_poses: Annotated[int, Field(ge=0, le=1_000_000)] = 1000
 
 
 class ImageLook(Strict):
@@ -94,10 +94,10 @@ class RenderedData(Strict):
     camera: str
     board: str | None = None
     seen: Annotated[float, Field(gt=0, le=1)] = 0.4
-    views: Annotated[int, Field(ge=3)] = 27
+    views: Annotated[int, Field(ge=3, le=1_000_000)] = 27
     image: ImageLook = ImageLook()
-    test_poses: Annotated[int, Field(ge=3)] = 200
-    examples: Annotated[int, Field(ge=0)] = 4
+    test_poses: Annotated[int, Field(ge=3, le=1_000_000)] = 200
+    examples: Annotated[int, Field(ge=0, le=1_000_000)] = 4
 
 
 class TolerancesConfig(Strict):
@@ -107,7 +107,7 @@ class TolerancesConfig(Strict):
     cost: Positive = 1e-14
     step: Positive = 1e-12
     residual: Annotated[float, Field(ge=0)] = 0.0
-    iterations: Annotated[int, Field(ge=1)] = 100
+    iterations: Annotated[int, Field(ge=1, le=1_000_000)] = 100
 
 
 class IdentificationConfig(Strict):
@@ -187,7 +187,7 @@ class ValidationConfig(Strict):
     tolerance: what the calibration is accepted or refused against; without one it must be better than the nominal robot
     by more than chance."""
 
-    folds: Annotated[int, Field(ge=0), AfterValidator(_not_one)] | None = None
+    folds: Annotated[int, Field(ge=0, le=1_000_000), AfterValidator(_not_one)] | None = None
     tolerance: ToleranceConfig | None = None
 
 

@@ -40,7 +40,7 @@ _NotNegative = Annotated[float, Field(ge=0)]
 _Share = Annotated[float, Field(gt=0, le=1)]
 _Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
 _Pair = Annotated[list[float], Field(min_length=2, max_length=2), AfterValidator(_rising)]
-_Count = Annotated[int, Field(ge=1)]
+_Count = Annotated[int, Field(ge=1, le=1_000_000)]
 
 
 class AreaRegion(Strict):
@@ -221,8 +221,8 @@ class GeneticConfig(Strict):
     """
 
     coding: Literal["binary", "gray", "real"] = "binary"
-    population: Annotated[int, Field(ge=4)] = 200
-    generations: Annotated[int, Field(ge=0)] = 200
+    population: Annotated[int, Field(ge=4, le=1_000_000)] = 200
+    generations: Annotated[int, Field(ge=0, le=1_000_000)] = 200
     bits: Annotated[int, Field(ge=1, le=52)] = 8
     fitness: Literal["criterion", "condition", "paper"] = "criterion"
     conditioning: Literal["per_pose", "stacked"] = "stacked"
@@ -238,7 +238,7 @@ class PromiseConfig(Strict):
     counts: list[_Count] = []
     accuracy: list[_Positive] = []
     figure: Literal["mean", "worst"] = "mean"
-    random: Annotated[int, Field(ge=1)] = 100
+    random: Annotated[int, Field(ge=1, le=1_000_000)] = 100
 
 
 class PlanConfig(Strict):
@@ -274,8 +274,8 @@ class PlanConfig(Strict):
     margins: Margins = Margins()
     constraints: Constraints = Constraints()
     genetic: GeneticConfig = GeneticConfig()
-    random: Annotated[int, Field(ge=0)] = 200
+    random: Annotated[int, Field(ge=0, le=1_000_000)] = 200
     prove: bool = False
     compare: list[MethodName] = []
     promise: PromiseConfig = PromiseConfig()
-    sample: Annotated[int, Field(ge=100)] = 5000
+    sample: Annotated[int, Field(ge=100, le=1_000_000)] = 5000

@@ -14,7 +14,11 @@ from symcal.documents.document import Document, Key
 def existing(document: Document, path: str, key: Key, what: str) -> Path:
     """A file named in the experiment, as an absolute path that is there."""
     resolved = document.resolve(path, key)
-    if not resolved.is_file():
+    try:
+        there = resolved.exists()  # what kind of file it is the reader says
+    except OSError:
+        there = False
+    if not there:
         raise document.error(f"the {what} is not there", key, found=resolved)
     return resolved
 

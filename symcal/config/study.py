@@ -17,7 +17,7 @@ from symcal.robot.schema import Frame
 _Positive = Annotated[float, Field(gt=0)]
 _NotNegative = Annotated[float, Field(ge=0)]
 _Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
-_Count = Annotated[int, Field(ge=1)]
+_Count = Annotated[int, Field(ge=1, le=1_000_000)]
 
 
 class SceneConfig(Strict):
@@ -59,9 +59,9 @@ class ReadingConfig(Strict):
 class SearchConfig(Strict):
     """The genetic algorithm of both plans that it makes; side_generations: of the other readings' plans."""
 
-    population: Annotated[int, Field(ge=4)] = 200
-    generations: Annotated[int, Field(ge=1)] = 200
-    side_generations: Annotated[int, Field(ge=1)] = 80
+    population: Annotated[int, Field(ge=4, le=1_000_000)] = 200
+    generations: Annotated[int, Field(ge=1, le=1_000_000)] = 200
+    side_generations: Annotated[int, Field(ge=1, le=1_000_000)] = 80
     bits: Annotated[int, Field(ge=1, le=52)] = 8
     coding: Literal["binary", "gray", "real"] = "binary"
 
@@ -79,7 +79,7 @@ class SimulationOneConfig(Strict):
     factor: Annotated[float, Field(gt=1)] = 10.0
     iterations: _Count = 100
     position_error: _Positive = 1e-10
-    draws: Annotated[int, Field(ge=0)] = 100
+    draws: Annotated[int, Field(ge=0, le=1_000_000)] = 100
 
 
 class StudyConfig(Strict):
@@ -96,9 +96,9 @@ class StudyConfig(Strict):
     reading: ReadingConfig = ReadingConfig()
     search: SearchConfig = SearchConfig()
     simulation_1: SimulationOneConfig = SimulationOneConfig()
-    random_plans: Annotated[int, Field(ge=10)] = 2000
-    repetitions: Annotated[int, Field(ge=10)] = 2000
-    unregularised: Annotated[int, Field(ge=10)] = 60
+    random_plans: Annotated[int, Field(ge=10, le=1_000_000)] = 2000
+    repetitions: Annotated[int, Field(ge=10, le=1_000_000)] = 2000
+    unregularised: Annotated[int, Field(ge=10, le=1_000_000)] = 60
     quick: bool = False
 
     def sized(self) -> StudyConfig:

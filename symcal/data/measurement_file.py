@@ -33,6 +33,7 @@ from symcal.units import ANGLE, LENGTH, PIXEL, split_unit
 Array = NDArray[np.float64]
 
 _UNITS: dict[Unit, Mapping[str, float]] = {"mm": LENGTH, "rad": ANGLE, "px": PIXEL, "1": {}}
+_MOST = 10_000_000  # numbers of a file with every point of every pose in its place, measured or not: 80 MB
 _FRAME_ANGLES = ("roll", "pitch", "yaw")
 
 
@@ -187,10 +188,37 @@ def _read_long(
     labels = _labels(table, firsts)
     values = _values(table, kind)
     noise = _sigmas(table, kind)
-    z = np.full((len(place), size * len(names)), np.nan)
-    sigma = np.full((len(place), width * len(names)), np.nan)
-    for row, (key, point) in enumerate(zip(keys, points, strict=True)):
-        if point not in names:
+    if len(place) * len(names) * max(size, width) > _MOST:
+        message = f"{len(place)} poses of {len(names)} points: are 'pose' and 'point' what tells them apart?"
+        raise InputError(message, file=table.path, line=table.head_line)
+    which = _of_points(table, points, names)
+    moved = np.abs(q - q[firsts[of_row]]).max(axis=1, initial=0.0) > 1e-9
+    for row in np.flatnonzero(moved):
+        i = of_row[row]
+        message = f"pose {labels[i]!r} has other joint readings here than in line {table.lines[firsts[i]]}"
+        raise InputError(message, file=table.path, line=table.lines[row], column="pose")
+    repeated = np.ones(len(table), dtype=np.bool_)
+    repeated[np.unique(of_row * len(names) + which, return_index=True)[1]] = False
+    for row in np.flatnonzero(repeated) if size else ():
+        message = (
+            f"point '{points[row]}' of pose '{labels[of_row[row]]}' stands twice; "
+            "give repeated measurements a pose of their own"
+        )
+        raise InputError(message, file=table.path, line=table.lines[row], column="pose")
+    z = np.full((len(place), len(names) * size), np.nan)
+    sigma = np.full((len(place), len(names) * width), np.nan)
+    z.reshape(len(place), len(names), size)[of_row, which] = values
+    if noise is not None:
+        sigma.reshape(len(place), len(names), width)[of_row, which] = noise
+    data = Dataset((Readings(kind, "", names),), q[firsts], z, labels, (), None if noise is None else sigma)
+    return data, firsts, of_row
+
+
+def _of_points(table: Table, points: Sequence[str], names: Sequence[str]) -> NDArray[np.intp]:
+    """The number of the point of every row."""
+    number = {name: k for k, name in enumerate(names)}
+    for row, point in enumerate(points):
+        if point not in number:
             raise InputError(
                 "no such point among those of the measurement",
                 file=table.path,
@@ -199,20 +227,7 @@ def _read_long(
                 found=point,
                 allowed=names,
             )
-        i, k = place[key], names.index(point)
-        if not np.allclose(q[row], q[firsts[i]], rtol=0, atol=1e-9):
-            message = f"pose {labels[i]!r} has other joint readings here than in line {table.lines[firsts[i]]}"
-            raise InputError(message, file=table.path, line=table.lines[row], column="pose")
-        if np.isfinite(z[i, size * k : size * (k + 1)]).any():
-            message = (
-                f"point '{point}' of pose '{labels[i]}' stands twice; give repeated measurements a pose of their own"
-            )
-            raise InputError(message, file=table.path, line=table.lines[row], column="pose")
-        z[i, size * k : size * (k + 1)] = values[row]
-        if noise is not None:
-            sigma[i, width * k : width * (k + 1)] = noise[row]
-    data = Dataset((Readings(kind, "", names),), q[firsts], z, labels, (), None if noise is None else sigma)
-    return data, firsts, of_row
+    return np.array([number[point] for point in points], dtype=np.intp)
 
 
 def _read_wide(table: Table, q: Array, kind: Instrument, expected: tuple[str, ...]) -> Dataset:

@@ -16,10 +16,17 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
-from symcal.documents.yaml_dialect import TAG, Dumper, Loader
+from symcal.documents.read import CONTROL, DOCUMENT_LIMIT, read_text
+from symcal.documents.yaml_dialect import TAG, Dumper, compose
 from symcal.errors import InputError
 
 Key = tuple[str | int, ...]
+
+LARGEST = 1e15
+"""Beyond this nothing in a file is a length, an angle or a pixel, in whatever unit, nor the square of one that is not
+known; its powers would overflow."""
+
+_LONGEST_KEY = 20  # parts; `measurements.wire.target.points.P` has five
 Model = TypeVar("Model", bound=BaseModel)
 
 
@@ -41,8 +48,10 @@ class Document:
         """This document with a value from the command line (`--set`), which errors then blame.
 
         Raises:
-            InputError: a part of the key holds a plain value.
+            InputError: a part of the key holds a plain value, or the key has more parts than any that means something.
         """
+        if len(key) > _LONGEST_KEY:
+            raise InputError(f"a key of more than {_LONGEST_KEY} parts", key="--set", found=dotted(key))
 
         def put(data: object, n: int) -> object:
             if n == len(key):
@@ -99,17 +108,9 @@ def read_document(path: Path | str) -> Document:
         InputError: no such file, not text, not YAML, a key twice, or not a mapping at the top.
     """
     path = Path(path)
+    text = read_text(path, DOCUMENT_LIMIT)
     try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise InputError("there is no such file", file=path) from None
-    except OSError as error:
-        raise InputError(f"the file cannot be read: {error.strerror}", file=path) from None
-    except ValueError as error:
-        raise InputError(f"the file cannot be read as UTF-8 text: {error}", file=path) from None
-    try:
-        loader = Loader(text)
-        node = loader.get_single_node()
+        loader, node = compose(text)
         if not isinstance(node, yaml.MappingNode):
             raise InputError("expected 'key: value' lines at the top of the file", file=path, line=1)
         lines: dict[Key, int] = {}
@@ -119,12 +120,23 @@ def read_document(path: Path | str) -> Document:
         line = text.count("\n", 0, error.position) + 1
         raise InputError("a control character in the text: is this a YAML file?", file=path, line=line) from None
     except yaml.MarkedYAMLError as error:
-        problem = "indent with spaces, not tabs" if "'\\t'" in str(error.problem) else error.problem
-        mark = error.problem_mark
-        raise InputError(f"not valid YAML: {problem}", file=path, line=mark.line + 1 if mark else None) from None
-    except RecursionError:
-        raise InputError("not valid YAML: nested too deeply", file=path) from None
+        raise _invalid(error, text, path) from None
     return Document(path, data, lines)
+
+
+_LINE = re.compile("\r\n|[\r\n\x85\u2028\u2029]")  # as YAML counts them
+
+
+def _invalid(error: yaml.MarkedYAMLError, text: str, path: Path) -> InputError:
+    """The parser's error in words that help."""
+    mark, problem = error.problem_mark, str(error.problem)
+    if mark is None:
+        return InputError(f"not valid YAML: {problem}", file=path)
+    if "nesting" in problem:  # libyaml's own limit
+        problem = "nested too deeply"
+    elif any(line.lstrip(" ").startswith("\t") for line in _LINE.split(text)[mark.line : mark.line + 1]):
+        problem = "indent with spaces, not tabs"
+    return InputError(f"not valid YAML: {problem}", file=path, line=mark.line + 1)
 
 
 def _walk(node: yaml.Node, key: Key, lines: dict[Key, int], path: Path) -> None:
@@ -149,14 +161,32 @@ def validate(document: Document, model: type[Model]) -> Model:
     """The document as a checked, frozen schema object.
 
     Raises:
-        InputError: the first thing wrong, with its line, key and the allowed values (further ones are counted).
+        InputError: a number beyond `LARGEST`, a control character; else the first thing wrong, with its line, key and
+        the allowed values (further ones are counted).
     """
+    _insist_on_plain_values(document, document.data, ())
     try:
         return model.model_validate(document.data)
     except ValidationError as error:
         problems = [p for p in error.errors() if p["type"] == "extra_forbidden"] or error.errors()
         first = min(problems, key=lambda p: document.line(_existing(document, p["loc"])) or 0)
         raise _explain(document, model, first, len(error.errors()) - 1) from None
+
+
+def _insist_on_plain_values(document: Document, data: object, key: Key) -> None:
+    """No number beyond `LARGEST`, but for names of what is random (a seed); no text that steers a terminal."""
+    if isinstance(data, dict):
+        for name, value in data.items():
+            _insist_on_plain_values(document, name, (*key, name))
+            _insist_on_plain_values(document, value, (*key, name))
+    elif isinstance(data, list):
+        for index, value in enumerate(data):
+            _insist_on_plain_values(document, value, (*key, index))
+    elif isinstance(data, str):
+        if CONTROL.search(data):
+            raise document.error("a control character in this text", key, found=data)
+    elif isinstance(data, (int, float)) and math.isfinite(data) and abs(data) > LARGEST and key[-1:] != ("seed",):
+        raise document.error(f"no number here can be larger than {LARGEST:g}", key, found=data)
 
 
 def _existing(document: Document, loc: Key) -> Key:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
@@ -12,14 +13,21 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.documents.read import CONTROL, TABLE_LIMIT, read_text
 from symcal.errors import InputError
 from symcal.units import ANGLE, LENGTH, PIXEL, split_unit
 
 Array = NDArray[np.float64]
 
 _DELIMITERS = (",", ";", "\t")
+_DIGITS = 400  # of a number; 1e-308 written out has 324
+_MOST_ROWS, _MOST_COLUMNS, _MOST_CELLS = 250_000, 10_000, 4_000_000
+
+LARGEST = 1e12
+"""Beyond this a cell is no length, angle or pixel, in whatever unit: its powers would overflow."""
+
 _NAMED = 5  # rows named one by one in a message
-_NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")  # float() would also take 1_000 and nan
+_NUMBER = re.compile(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?")  # float() would also take 1_000 and nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,21 +62,20 @@ class Table:
         Raises:
             InputError: a cell is not a finite number; names the lines.
         """
-        values = np.full(len(self), np.nan)
-        bad: list[int] = []
         cells = self.text(column)
-        for i, cell in enumerate(cells):
-            plain = cell if self.decimal == "." else cell.replace(".", "?").replace(self.decimal, ".")
-            if _NUMBER.fullmatch(plain) and np.isfinite(float(plain)):
-                values[i] = float(plain)
-            elif cell or not empty:
-                bad.append(i)
+        plain = cells if self.decimal == "." else [c.replace(".", "?").replace(self.decimal, ".") for c in cells]
+        number = _NUMBER.fullmatch
+        values = np.array([float(cell) if len(cell) <= _DIGITS and number(cell) else np.nan for cell in plain])
+        wrong = np.flatnonzero(~(np.abs(values) <= LARGEST)).tolist()
+        bad = [i for i in wrong if cells[i]] if empty else wrong
         if bad:
             cell = cells[bad[0]]
             comma = self.decimal == "." and "," in cell and _NUMBER.fullmatch(cell.replace(",", ".", 1))
             problem = (
                 "an empty cell"
                 if not cell
+                else f"no number here can be larger than {LARGEST:g}"
+                if np.isfinite(values[bad[0]])
                 else "a decimal comma: say \"decimal: ','\" where the experiment names the file"
                 if comma
                 else "not a finite number"
@@ -180,24 +187,28 @@ def read_table(
         delimiter: found from the header when None: comma, semicolon or tab. decimal: the decimal sign of the file.
     Raises:
         InputError: no such file, not text, no header, a name twice, a mapped column that is not there, a row of
-        another length.
+        another length, or more rows or cells than are read.
     """
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise InputError("there is no such file", file=path) from None
-    except OSError as error:
-        raise InputError(f"the file cannot be read: {error.strerror}", file=path) from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"the file cannot be read as UTF-8 text: {error}", file=path) from None
-    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    text = read_text(path, TABLE_LIMIT, "utf-8-sig")
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    odd = CONTROL.search(text)
+    if odd:
+        line = text.count("\n", 0, odd.start()) + 1
+        raise InputError("a control character in the text: is this a CSV file?", file=path, line=line)
+    lines = text.split("\n")
     content = [(i, line) for i, line in enumerate(lines, start=1) if line.strip() and not line.lstrip().startswith("#")]
     if not content:
         raise InputError("the file is empty", file=path)
     delimiter = delimiter or max(_DELIMITERS, key=content[0][1].count)
+    count, cells = len(content) - 1, text.count(delimiter) + len(content)
+    if count > _MOST_ROWS or cells > _MOST_CELLS:
+        limits = f"at most {_MOST_ROWS} rows and {_MOST_CELLS} cells are read: take every n-th pose"
+        raise InputError(f"the table has {count} rows and {cells} cells; {limits}", file=path)
     parsed = [(number, _cells(path, number, line, delimiter)) for number, line in content]
     (head_line, header), rows = parsed[0], [(number, row) for number, row in parsed[1:] if any(row)]
+    if len(header) > _MOST_COLUMNS:
+        raise InputError(f"the table has {len(header)} columns: at most {_MOST_COLUMNS} are read", file=path)
     if all(_NUMBER.fullmatch(name) for name in header):
         message = "the first line must name the columns, each with its unit: here it is numbers"
         raise InputError(message, file=path, line=head_line)
@@ -208,8 +219,9 @@ def read_table(
     hidden = sum(line.lstrip().startswith("#") and line.count(delimiter) == len(header) - 1 > 0 for line in lines)
     named = [i for i, name in enumerate(header) if name or any(row[i] for _, row in rows)]  # spreadsheets leave ',,'
     header = tuple(header[i] for i in named)
+    times = Counter(header)
     for name in header:
-        if not name or header.count(name) > 1:
+        if not name or times[name] > 1:
             message = "two columns have this name" if name else "a column without a name"
             raise InputError(message, file=path, line=head_line, found=name or None)
     return Table(

@@ -82,10 +82,11 @@ def read_shots(path: Path | str, robot: Robot, images: Sequence[Path], split: Sp
         parts: Sequence[str] = splits(table, range(len(table)), split, alone=False)
     else:
         parts = table.text("split") if "split" in table.columns else ["train"] * len(table)
-    shots, rows, left = [], [], []
+    shots, rows, left, seen = [], [], [], set[str]()
     for row, name in enumerate(names):
-        if names.index(name) != row:
+        if name in seen:
             raise InputError("this image stands twice", file=path, line=table.lines[row], key="image", found=name)
+        seen.add(name)
         file = places.pop(Path(name).name, None)
         if file is None:
             left.append((name, f"line {table.lines[row]} of {Path(path).name} names it, but no such image was given"))

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import InputError, RefusedError
-from symcal.kernels.compile import find_compiler, load_library
+from symcal.kernels.compile import load_library
+from symcal.kernels.compiler import find_compiler
 from symcal.kernels.instructions import Port, Program, dense_function, read_program
 from symcal.kernels.vector import ENTRY, kernel_source
 
@@ -161,7 +162,7 @@ def _is_batched(array: Array, port: Port) -> bool:
 
 def _compiled(program: Program, batched: tuple[bool, ...]) -> _Run | None:
     optimisation = "-O2" if len(program.instructions) < _LONG else "-O1"
-    library = load_library(kernel_source(program, batched), optimisation)
+    library = load_library(kernel_source(program, batched), optimisation, ENTRY)
     if library is None:
         return None
     entry = getattr(library, ENTRY)

@@ -1,70 +1,41 @@
 """C source to a loaded shared library, through the user's C compiler and a cache on disk.
 
-Nothing here raises for want of a compiler: whatever goes wrong is logged and answered with None, and the caller
-computes without it.
+A library runs as soon as it is loaded, and one that breaks off before its end kills the process. So a file is loaded
+only from a folder that is ours alone (`own_folder`), and only when its bytes are those that were once compiled: the
+hash of its content is part of its name. One rename makes it visible whole, whatever moment a process is killed at.
+
+Nothing here raises for want of a compiler or a place: whatever goes wrong is logged and answered with None, and the
+caller computes without it.
 """
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import hashlib
 import logging
 import os
 import platform
-import shlex
 import shutil
-import subprocess
 import sys
 import tempfile
-from dataclasses import dataclass
+import time
 from functools import cache
 from pathlib import Path
+
+from symcal.kernels.compiler import WITHOUT, Compiler, CompilerError, HungError, compile_c, find_compiler
+from symcal.kernels.own_folder import cache_folder, open_own_folder, private_folder, read_own_file
 
 logger = logging.getLogger(__name__)
 
 # Never -ffast-math: it links start-up code that turns on flush-to-zero for the whole Python process.
 FLAGS = ("-std=gnu11", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-Wno-psabi")
 NATIVE = "-march=native"
-TIMEOUT_S = 120.0
 
-
-@dataclass(frozen=True, slots=True)
-class Compiler:
-    """A C compiler that answered: its command line and what it calls itself."""
-
-    command: tuple[str, ...]
-    version: str
-
-
-def find_compiler() -> Compiler | None:
-    """The C compiler of this machine: the CC variable if set (and then no other), else cc, gcc or clang on the PATH."""
-    return _find_compiler(os.environ.get("CC", ""), os.environ.get("PATH", ""))
-
-
-@cache
-def _find_compiler(cc: str, path: str) -> Compiler | None:
-    for command in [shlex.split(cc)] if cc.strip() else [["cc"], ["gcc"], ["clang"]]:
-        program = shutil.which(command[0], path=path)
-        if program is None:
-            continue
-        full = (program, *command[1:])
-        answer = _run([*full, "--version"])
-        if answer is not None:
-            return Compiler(full, answer)
-    return None
-
-
-def _run(command: list[str]) -> str | None:
-    """Standard output of a command; None, and a log entry, if it fails."""
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=TIMEOUT_S, check=False)
-    except (OSError, subprocess.TimeoutExpired) as error:
-        logger.info("%s: %s", command[0], error)
-        return None
-    if done.returncode != 0:
-        logger.info("%s failed with %d: %s", command[0], done.returncode, done.stderr[-2000:])
-        return None
-    return done.stdout
+_LONGEST = 64 * 2**20  # bytes of a library; the longest kernel that is compiled has some 1.5 MB
+_SUFFIX = ".dll" if sys.platform == "win32" else ".so"
+_SCRATCH = "build"
+_ABANDONED_S = 3600.0  # after which the scratch folder of a killed process is swept: no compilation takes so long
 
 
 @cache
@@ -79,74 +50,147 @@ def _processor() -> str:
     return "\n".join(line for line in first if line.split(":")[0].strip().lower() in wanted)
 
 
-def cache_folder() -> Path:
-    """Where compiled kernels are kept; safe to delete at any time."""
-    if "XDG_CACHE_HOME" in os.environ:
-        return Path(os.environ["XDG_CACHE_HOME"]) / "symcal" / "kernels"
-    if sys.platform == "win32" and "LOCALAPPDATA" in os.environ:
-        return Path(os.environ["LOCALAPPDATA"]) / "symcal" / "cache" / "kernels"
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Caches" / "symcal" / "kernels"
-    return Path.home() / ".cache" / "symcal" / "kernels"
-
-
-def load_library(source: str, optimisation: str) -> ctypes.CDLL | None:
+def load_library(source: str, optimisation: str, entry: str) -> ctypes.CDLL | None:
     """Compile C source (or find it compiled) and load it.
 
     Args:
         source: C text; the whole of it, since its hash is the key of the cache.
-        optimisation: `-O1` .. `-O3`.
+        optimisation: `-O1` .. `-O3`. entry: the function that the library must have.
     Returns:
         the library, or None if there is no compiler or it failed (the log says how).
     """
     compiler = find_compiler()
     if compiler is None:
-        logger.info("no C compiler found (CC, cc, gcc, clang)")
+        logger.info("no C compiler that works (CC, cc, gcc, clang)")
         return None
     flags = (optimisation, *FLAGS)
-    key = "\0".join([source, *flags, *compiler.command, compiler.version, _processor(), platform.platform()])
-    name = f"{hashlib.sha256(key.encode()).hexdigest()[:32]}{'.dll' if sys.platform == 'win32' else '.so'}"
-    try:
-        folder = cache_folder()
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        return _load(folder / name) or _build(compiler, flags, source, folder / name)
-    except (OSError, RuntimeError) as error:  # no home, or a cache that is full or read-only
-        logger.info("kernel cache unusable: %s", error)
-    with tempfile.TemporaryDirectory(prefix="symcal", ignore_cleanup_errors=True) as scratch:
-        return _build(compiler, flags, source, Path(scratch) / name)
+    parts = [source, *flags, *compiler.command, compiler.version, _processor(), platform.platform()]
+    key = hashlib.sha256("\0".join(parts).encode(errors="surrogateescape")).hexdigest()[:32]
+    for place in (_kept, private_folder):
+        try:
+            folder = place()
+            if folder is None:
+                continue
+            library = _cached(folder, key, entry)
+            return library if library is not None else _build(compiler, flags, source, folder, key, entry)
+        except CompilerError as error:
+            _warn_once(f"{error}; {WITHOUT}")
+            return None
+        except OSError as error:  # a cache that is full or read-only, or no place for temporary files
+            logger.info("no kernels are kept in this folder: %s", error)
+    _warn_once(f"there is no folder to compile in, neither a cache nor a temporary one; {WITHOUT}")
+    return None
 
 
-def _load(path: Path) -> ctypes.CDLL | None:
-    if not path.exists():
+def _kept() -> Path | None:
+    """The cache, if it is ours alone; asked again for every kernel, since a folder may change."""
+    folder = cache_folder()
+    if folder is None:
         return None
     try:
-        return ctypes.CDLL(str(path))
+        open_own_folder(folder)
     except OSError as error:
-        logger.info("compiled kernel %s does not load: %s", path, error)
+        _inform_once(f"the cache of compiled kernels is not used: {error}")
         return None
+    return folder
 
 
-def _build(compiler: Compiler, flags: tuple[str, ...], source: str, path: Path) -> ctypes.CDLL | None:
-    """Compile beside the target and rename: another process sees the whole file or none."""
-    with tempfile.TemporaryDirectory(prefix="build", dir=path.parent, ignore_cleanup_errors=True) as scratch:
-        text, built = Path(scratch) / "kernel.c", Path(scratch) / path.name
-        text.write_text(source, encoding="utf-8")
-        for native in ((NATIVE,), ()):  # some compilers know no -march=native
-            if _run([*compiler.command, *flags, *native, "-o", str(built), str(text), "-lm"]) is not None:
-                break
-        else:
-            logger.warning("the C compiler %s failed; kernels run in CasADi's virtual machine", compiler.command[0])
-            return None
-        if not built.exists():
-            logger.warning(
-                "the C compiler %s wrote nothing; kernels run in CasADi's virtual machine", compiler.command[0]
-            )
-            return None
-        built.replace(path)
-    library = _load(path)
-    if library is None:
-        logger.warning(
-            "what the C compiler %s wrote does not load; kernels run in CasADi's virtual machine", compiler.command[0]
-        )
-        path.unlink(missing_ok=True)
+@cache
+def _inform_once(text: str) -> None:
+    logger.info(text)
+
+
+@cache
+def _warn_once(text: str) -> None:
+    logger.warning(text)
+
+
+def _cached(folder: Path, key: str, entry: str) -> ctypes.CDLL | None:
+    """The library of a key, if it is whole; what is broken is removed."""
+    for path in folder.glob(f"{key}-*{_SUFFIX}"):
+        try:
+            content = read_own_file(path, _LONGEST)
+            if hashlib.sha256(content).hexdigest() != path.stem.partition("-")[2]:
+                raise OSError(f"{path} is not what was compiled")
+            return _loaded(path, entry)
+        except OSError as error:
+            logger.info("compiled again: %s", error)
+            _remove(path)
+    return None
+
+
+def _loaded(path: Path, entry: str) -> ctypes.CDLL:
+    """A library with the function wanted.
+
+    Raises:
+        OSError: it does not load, or has no such function.
+    """
+    library = ctypes.CDLL(str(path))
+    try:
+        library[entry]
+    except AttributeError:
+        raise OSError(f"{path} has no function {entry}") from None
     return library
+
+
+def _remove(path: Path) -> None:
+    with contextlib.suppress(OSError):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink()
+
+
+def _build(compiler: Compiler, flags: tuple[str, ...], source: str, folder: Path, key: str, entry: str) -> ctypes.CDLL:
+    """Compile in the cache's own folder and rename: another process sees the whole file or none.
+
+    Raises:
+        CompilerError: the compiler failed, hung, wrote nothing or something that does not load. OSError: the folder
+        cannot be written.
+    """
+    _sweep(folder)
+    with tempfile.TemporaryDirectory(prefix=_SCRATCH, dir=folder, ignore_cleanup_errors=True) as scratch:
+        text, built = Path(scratch) / "kernel.c", Path(scratch) / f"kernel{_SUFFIX}"
+        text.write_text(source, encoding="utf-8")
+        arguments = [*flags, "-o", str(built), str(text), "-lm"]
+        own = {"TMPDIR": scratch}  # the compiler's own temporary files: the user's TMPDIR may be full
+        try:
+            compile_c(compiler, [NATIVE, *arguments], own)
+        except HungError:
+            raise
+        except CompilerError as error:  # some compilers know no -march=native
+            logger.info("%s", error)
+            compile_c(compiler, arguments, own)
+        try:
+            content = read_own_file(built, _LONGEST)
+        except FileNotFoundError:
+            raise CompilerError(f"the C compiler {compiler.command[0]} wrote nothing") from None
+        path = folder / f"{key}-{hashlib.sha256(content).hexdigest()}{_SUFFIX}"
+        _to_disk(built)
+        built.replace(path)
+    _to_disk(folder)
+    try:
+        return _loaded(path, entry)
+    except OSError as error:
+        _remove(path)
+        raise CompilerError(f"what the C compiler {compiler.command[0]} wrote does not load: {error}") from None
+
+
+def _to_disk(path: Path) -> None:
+    """So that a power cut costs nothing, where the file system can promise that; the hash is what is relied on."""
+    if sys.platform == "win32":  # where a folder cannot be opened, nor a file flushed that is open for reading
+        return
+    with contextlib.suppress(OSError):
+        handle = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def _sweep(folder: Path) -> None:
+    """Remove what killed processes left while compiling."""
+    for left in folder.glob(f"{_SCRATCH}*"):
+        with contextlib.suppress(OSError):
+            if time.time() - left.lstat().st_mtime > _ABANDONED_S:
+                _remove(left)

@@ -84,12 +84,14 @@ def read_plan(path: Path | str, robot: Robot) -> tuple[Array, tuple[str, ...]]:
     if "pose" not in table.columns:
         return poses, tuple(str(i + 1) for i in range(len(poses)))
     names = table.text("pose")
-    kept = [i for i, name in enumerate(names) if name not in names[:i]]
+    first: dict[str, int] = {}
     for i, name in enumerate(names):  # several observations of one pose are one pose
-        first = names.index(name)
-        if not np.allclose(poses[i], poses[first], rtol=0.0, atol=1e-9):
-            message = f"this pose stands in line {table.lines[first]} with other joint readings"
-            raise InputError(message, file=path, line=table.lines[i], key="pose", found=name)
+        first.setdefault(name, i)
+    start = np.array([first[name] for name in names])
+    for i in np.flatnonzero(np.abs(poses - poses[start]).max(axis=1, initial=0.0) > 1e-9).tolist():
+        message = f"this pose stands in line {table.lines[start[i]]} with other joint readings"
+        raise InputError(message, file=path, line=table.lines[i], key="pose", found=names[i])
+    kept = list(first.values())
     return poses[kept], tuple(names[i] for i in kept)
 
 

@@ -15,12 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal import spatial
+from symcal.documents.document import LARGEST
+from symcal.documents.read import CONTROL, MB, read_bytes
 from symcal.errors import InputError
 
 Array = NDArray[np.float64]
 
 MM = 1000.0
 """Per metre, URDF's unit."""
+
+
+_LIMIT = 16 * MB
+_MOST, _DEEPEST = 100_000, 100  # elements; a humanoid's file has a few thousand, seven deep
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,15 +52,19 @@ def read_urdf(path: Path) -> Element:
     Raises:
         InputError: not a URDF file, or one that is still xacro.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"the file cannot be read: {error.strerror}", file=path) from None
+    data = read_bytes(path, _LIMIT)
     parser = expat.ParserCreate()
     top = Element("", {}, 0)
-    stack = [top]
+    stack, count = [top], 0
 
     def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal count
+        count += 1
+        if count > _MOST or len(stack) > _DEEPEST:
+            what = f"more than {_MOST} elements" if count > _MOST else "elements nested too deeply"
+            raise InputError(f"{what}: not the file of a robot", file=path, line=parser.CurrentLineNumber)
+        if any(CONTROL.search(text) for text in attributes.values()):
+            raise InputError("a control character in this element", file=path, line=parser.CurrentLineNumber, key=tag)
         element = Element(tag, attributes, parser.CurrentLineNumber)
         stack[-1].children.append(element)
         stack.append(element)
@@ -95,7 +105,7 @@ def numbers(path: Path, joint: Element, tag: str, attribute: str, default: tuple
     """Numbers of an attribute of a joint's child element, as many as the default has.
 
     Raises:
-        InputError: others, or not finite ones; with their line.
+        InputError: others, or such as are not finite or beyond any length; with their line.
     """
     text = joint.get(tag, attribute)
     if text is None:
@@ -104,9 +114,10 @@ def numbers(path: Path, joint: Element, tag: str, attribute: str, default: tuple
         values = np.array([float(word) for word in text.split()])
     except ValueError:
         values = np.array([math.nan])
-    if len(values) != len(default) or not np.isfinite(values).all():
+    if len(values) != len(default) or not (np.abs(values) <= LARGEST).all():
         line = next(child.line for child in joint.children if child.tag == tag)
         count = "a finite number" if len(default) == 1 else f"{len(default)} finite numbers"
+        count += f" of at most {LARGEST:g}" if np.isfinite(values).all() and len(values) == len(default) else ""
         raise InputError(
             f"'{attribute}' of '{tag}' must be {count}", file=path, line=line, key=name_of(joint), found=text
         )

@@ -66,11 +66,14 @@ def load_corners(path: Path | str, size: tuple[int, int]) -> CornerList:
     _require_inside(table, pixels, size)
     first: dict[str, int] = {}
     rows: dict[str, dict[str, int]] = {}
+    for i, name in enumerate(names):
+        first.setdefault(name, i)
+    start = np.array([first[name] for name in names])
+    for i in np.flatnonzero(~np.isclose(xyz, xyz[start], rtol=1e-9, atol=1e-9).all(axis=1)).tolist():
+        line = table.lines[start[i]]
+        message = f"id '{names[i]}' has other coordinates here than in line {line}: a point has one place"
+        raise InputError(message, file=table.path, line=table.lines[i], found=_place(xyz[i]))
     for i, (view, name) in enumerate(zip(views, names, strict=True)):
-        other = first.setdefault(name, i)
-        if not np.allclose(xyz[i], xyz[other], rtol=1e-9, atol=1e-9):
-            message = f"id '{name}' has other coordinates here than in line {table.lines[other]}: a point has one place"
-            raise InputError(message, file=table.path, line=table.lines[i], found=_place(xyz[i]))
         before = rows.setdefault(view, {}).setdefault(name, i)
         if before != i:
             message = f"view '{view}' has id '{name}' twice, first in line {table.lines[before]}: keep one row"

@@ -8,12 +8,20 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.documents.read import MB, read_bytes
 from symcal.errors import InputError
+from symcal.vision.image_size import FORMATS, image_size
 
 Image = NDArray[np.uint8]
 
 BLACK_LEVEL = 16
 """An image whose brightest pixels (99.9th percentile) stay below this grey level of 255 is called black. Ours."""
+
+
+LARGEST = 160_000_000
+"""Pixels of an image: the largest sensors have 151 million. Ours."""
+
+_FILE_LIMIT = 512 * MB
 
 
 def read_image(path: Path | str) -> Image:
@@ -23,35 +31,36 @@ def read_image(path: Path | str) -> Image:
     stored in 16). EXIF orientation is ignored: it would turn single images of one camera.
 
     Raises:
-        InputError: no such file, not an image, or a file that breaks off before its end.
+        InputError: no such file, not an image, more than `LARGEST` pixels, or a file that breaks off before its end.
     """
     path = Path(path)
-    try:
-        content = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError("there is no such image", file=path) from None
-    except OSError as error:
-        raise InputError(f"the image cannot be read: {error.strerror}", file=path) from None
+    content = read_bytes(path, _FILE_LIMIT, "image")
     if _cut(content):
         raise InputError("the image is cut: the file breaks off before its end", file=path)
+    size = image_size(content)
+    if size is None:
+        raise InputError(f"not an image that can be read: {FORMATS} is needed", file=path)
+    if size[0] * size[1] > LARGEST:
+        message = f"the image is too large: at most {LARGEST // 10**6} million pixels are read"
+        raise InputError(message, file=path, found=f"{size[0]} x {size[1]}")
     data = np.frombuffer(content, dtype=np.uint8)
     flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
     try:
-        image = cv2.imdecode(data, flags) if data.size else None
+        image = cv2.imdecode(data, flags)
     except cv2.error:
         image = None
     if image is None:
         raise InputError("not an image that can be read", file=path)
-    if not np.isfinite(image).all():
+    if image.dtype == np.uint8:
+        return np.asarray(image, dtype=np.uint8)
+    brightest = float(image.max())
+    if not np.isfinite(brightest + float(image.min())):
         raise InputError("the image has pixels that are no finite number", file=path)
-    if image.dtype != np.uint8:
-        full = (
-            2.0 ** np.ceil(np.log2(max(float(image.max()), 255.0) + 1))
-            if image.dtype == np.uint16
-            else float(image.max())
-        )
-        image = np.rint(np.clip(image * (255.0 / max(full, 1e-9)), 0, 255)).astype(np.uint8)
-    return np.asarray(image, dtype=np.uint8)
+    full = 2.0 ** np.ceil(np.log2(max(brightest, 255.0) + 1)) if image.dtype == np.uint16 else brightest
+    grey = np.empty(image.shape, dtype=np.uint8)
+    for i, row in enumerate(image):  # by rows: as floats the whole would take eight times its memory
+        grey[i] = np.rint(np.clip(row * (255.0 / max(full, 1e-9)), 0, 255))
+    return grey
 
 
 def is_black(image: Image) -> bool:

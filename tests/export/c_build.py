@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from symcal.kernels.compile import find_compiler
+from symcal.kernels.compiler import find_compiler
 
 STRICT = "-Wall -Wextra -Wpedantic -Wconversion -Wdouble-promotion -Wshadow -Werror"
 

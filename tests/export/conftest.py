@@ -8,7 +8,7 @@ from c_robots import handling
 
 from symcal.export.c import CExport, export_c
 from symcal.export.c.check import CLibrary, build_library
-from symcal.kernels.compile import find_compiler
+from symcal.kernels.compiler import find_compiler
 from symcal.robot.robot import Robot
 
 

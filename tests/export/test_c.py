@@ -13,7 +13,7 @@ from c_robots import arm
 
 from symcal.errors import InputError
 from symcal.export.c import CExport, export_c
-from symcal.kernels.compile import find_compiler
+from symcal.kernels.compiler import find_compiler
 from symcal.robot.robot import Robot
 
 # ------------------------------------------------------------------------------------------ compilers and build systems

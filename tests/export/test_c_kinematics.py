@@ -15,7 +15,7 @@ from symcal.compensation.compensate import joint_caps
 from symcal.export.c import CExport, export_c
 from symcal.export.c.check import CLibrary, build_library, check_c, random_readings
 from symcal.export.c.vectors import jacobian
-from symcal.kernels.compile import find_compiler
+from symcal.kernels.compiler import find_compiler
 from symcal.robot.robot import Robot
 
 DOUBLE, FLOAT = 1e-12, 5e-7  # of the reach

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from symcal.errors import InputError, RefusedError
 from symcal.kernels import BatchFunction, batch_function
 from symcal.kernels.batch import WORTH_COMPILING
-from symcal.kernels.compile import find_compiler
+from symcal.kernels.compiler import find_compiler
 
 needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compiler on this machine")
 BACKENDS = ["vm", pytest.param("c", marks=needs_compiler)]

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from symcal.kernels import batch_function
-from symcal.kernels.compile import cache_folder, find_compiler
+from symcal.kernels.compiler import find_compiler
+from symcal.kernels.own_folder import cache_folder
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="these tests replace the compiler by a shell script")
 needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compiler on this machine")

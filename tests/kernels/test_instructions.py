@@ -17,7 +17,7 @@ from arms import handling_arm
 
 from symcal.errors import RefusedError
 from symcal.kernels import batch_function
-from symcal.kernels.compile import find_compiler
+from symcal.kernels.compiler import find_compiler
 from symcal.kernels.instructions import Operation, Store, c_constant, c_statements, read_program, scalar_definitions
 
 WARNINGS = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Wshadow", "-Werror"]

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from symcal.compensation.compensate import joint_caps
+from symcal.documents.read import DOCUMENT_LIMIT, read_text
 from symcal.errors import InputError
 from symcal.export.c.expressions import programs
 from symcal.export.c.names import identifier
@@ -127,10 +128,10 @@ def _check_replaceable(folder: Path) -> None:
     if not folder.is_dir():
         raise InputError("there is a file of this name; a folder is to be written", file=folder)
     known: set[str] = set()
-    if (folder / MANIFEST).is_file():
+    if (folder / MANIFEST).exists():
         try:
-            known = {MANIFEST, *json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["files"]}
-        except (ValueError, KeyError, TypeError):
+            known = {MANIFEST, *json.loads(read_text(folder / MANIFEST, DOCUMENT_LIMIT))["files"]}
+        except (ValueError, KeyError, TypeError, RecursionError):
             raise InputError(
                 "this is not a manifest of ours: remove the folder yourself", file=folder / MANIFEST
             ) from None

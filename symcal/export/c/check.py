@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import logging
 import shutil
-import subprocess
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from symcal.compensation.targets import tool_pose
 from symcal.export.c import CExport
 from symcal.kernels.batch import batch_function
-from symcal.kernels.compile import Compiler, find_compiler
+from symcal.kernels.compiler import VERSION_TIMEOUT_S, Compiler, CompilerError, compile_c, find_compiler, run
 from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -26,8 +25,6 @@ logger = logging.getLogger(__name__)
 
 STATUSES = ("REACHED", "LIMIT", "CAP", "CLOSEST", "OUTSIDE")
 """How a compensation in C ends; the order is that of the header."""
-
-_TIMEOUT_S = 120.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +98,7 @@ def build_library(
     Args:
         flags: of the compiler, besides -std=c99 -O2.
     Raises:
-        OSError: there is no C compiler, or it refused; the message is the compiler's.
+        OSError: there is no C compiler, it refused (the message is its own), or it hung.
     """
     compiler = find_compiler()
     if compiler is None:
@@ -110,17 +107,7 @@ def build_library(
     target = folder / f"{export.prefix}_{kind}.so"
     define = ["-DSYMCAL_FLOAT"] if kind == "float" else []
     source = export.folder / f"{export.prefix}_kinematics.c"
-    command = [*compiler.command, "-std=c99", "-O2", "-fPIC", "-shared", *define, *flags]
-    done = subprocess.run(
-        [*command, "-o", str(target), str(source), "-lm"],
-        capture_output=True,
-        text=True,
-        errors="replace",
-        timeout=_TIMEOUT_S,
-        check=False,
-    )
-    if done.returncode != 0:
-        raise OSError(done.stderr)
+    compile_c(compiler, ["-std=c99", "-O2", "-fPIC", "-shared", *define, *flags, "-o", str(target), str(source), "-lm"])
     return CLibrary(target, export, robot, real)
 
 
@@ -138,7 +125,7 @@ def check_c(export: CExport, robot: Robot, rng: np.random.Generator, count: int 
         try:
             double = build_library(export, robot, Path(scratch), np.float64)
             single = build_library(export, robot, Path(scratch), np.float32)
-        except (OSError, subprocess.TimeoutExpired) as error:
+        except OSError as error:
             logger.warning("the exported C is not checked: %s", error)
             return None
         q = random_readings(robot, rng, count)
@@ -183,12 +170,12 @@ def _code_bytes(compiler: Compiler, export: CExport, folder: Path) -> tuple[int,
     for kind, define in (("double", []), ("float", ["-DSYMCAL_FLOAT"])):
         target = folder / f"{kind}.o"
         source = export.folder / f"{export.prefix}_kinematics.c"
-        command = [*compiler.command, "-std=c99", "-O2", *define, "-c", "-o", str(target), str(source)]
-        if subprocess.run(command, capture_output=True, timeout=_TIMEOUT_S, check=False).returncode != 0:
+        try:
+            compile_c(compiler, ["-std=c99", "-O2", *define, "-c", "-o", str(target), str(source)])
+            rows = run([size, str(target)], VERSION_TIMEOUT_S, keep="stdout").splitlines()
+        except CompilerError:
             return None
-        done = subprocess.run([size, str(target)], capture_output=True, text=True, timeout=_TIMEOUT_S, check=False)
-        rows = done.stdout.splitlines()
-        if done.returncode != 0 or len(rows) < 2 or not rows[1].split()[0].isdigit():
+        if len(rows) < 2 or not rows[1].split()[0].isdigit():
             return None
         found.append(int(rows[1].split()[0]))
     return found[0], found[1]

@@ -1,0 +1,166 @@
+"""The user's C compiler: found once, run with an end in sight.
+
+A compiler is a foreign program: it may be missing, refuse, hang, start children, read its standard input or talk
+without end. None of this stops the caller, who learns in one sentence what happened.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import IO
+
+logger = logging.getLogger(__name__)
+
+VERSION_TIMEOUT_S = 5.0
+"""For `--version`, which takes gcc 2 ms and clang 20 ms; ours, with room for a network drive."""
+
+COMPILE_TIMEOUT_S = 60.0
+"""For one kernel: the longest that is compiled (20 000 instructions) takes gcc some 15 s. A compiler that took more is
+not asked again."""
+
+_KEPT = 64 * 1024  # bytes of output that are kept; the rest is read and dropped
+_UNREAPED_S = 2.0  # a killed child is gone at once, unless the kernel holds it
+
+# Commands that hung. A `symcal run` makes some ten kernels: each would wait again.
+_hung: set[tuple[str, ...]] = set()
+
+
+@dataclass(frozen=True, slots=True)
+class Compiler:
+    """A C compiler that answered: its command line and what it calls itself."""
+
+    command: tuple[str, ...]
+    version: str
+
+
+class CompilerError(OSError):
+    """The compiler did not do what was asked; the message is one sentence, or the compiler's own words."""
+
+
+class HungError(CompilerError):
+    """The compiler was still running after its time."""
+
+
+def find_compiler() -> Compiler | None:
+    """The C compiler of this machine: the CC variable if set (and then no other), else cc, gcc or clang on the PATH.
+
+    None, with a log entry, where there is none that works, or the one found has hung in this process.
+    """
+    found = _find_compiler(os.environ.get("CC", ""), os.environ.get("PATH", ""))
+    return None if found is None or found.command in _hung else found
+
+
+@cache
+def _find_compiler(cc: str, path: str) -> Compiler | None:
+    try:
+        asked = shlex.split(cc)
+    except ValueError as error:
+        logger.warning("the CC variable cannot be read (%s): %s", str(error).lower(), WITHOUT)
+        return None
+    for command in [asked] if asked else [["cc"], ["gcc"], ["clang"]]:
+        program = shutil.which(command[0], path=path)
+        if program is None:
+            continue
+        full = (program, *command[1:])
+        try:
+            return Compiler(full, run([*full, "--version"], VERSION_TIMEOUT_S, keep="stdout"))
+        except CompilerError as error:
+            logger.info("%s", error)
+    return None
+
+
+WITHOUT = "kernels run in CasADi's virtual machine"
+"""What happens then, for messages."""
+
+
+def compile_c(compiler: Compiler, arguments: Sequence[str], environment: Mapping[str, str] | None = None) -> None:
+    """Run a compiler on files.
+
+    Args:
+        environment: variables that differ from this process's.
+    Raises:
+        CompilerError: it refused (the message is its own) or could not be started. HungError: it hung, now or before.
+    """
+    if compiler.command in _hung:
+        raise HungError(f"{compiler.command[0]} has hung before")
+    try:
+        run([*compiler.command, *arguments], COMPILE_TIMEOUT_S, keep="stderr", environment=environment)
+    except HungError:
+        _hung.add(compiler.command)
+        message = f"{compiler.command[0]} did not finish in {COMPILE_TIMEOUT_S:.0f} s and is not used again"
+        raise HungError(message) from None
+
+
+def run(command: Sequence[str], timeout: float, *, keep: str, environment: Mapping[str, str] | None = None) -> str:
+    """Run a program to its end, with nothing to read; its children die with it.
+
+    Args:
+        timeout: s. keep: `stdout` or `stderr`: which one is returned; the other is dropped.
+        environment: variables that differ from this process's.
+    Returns:
+        the first 64 kB of what it wrote.
+    Raises:
+        CompilerError: it cannot be started or ends with another status than 0. HungError: it was still running, and
+        was killed with all of its process group.
+    """
+    try:
+        process = subprocess.Popen(
+            list(command),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE if keep == "stdout" else subprocess.DEVNULL,
+            stderr=subprocess.PIPE if keep == "stderr" else subprocess.DEVNULL,
+            start_new_session=True,  # its own process group, which can be killed whole
+            env=None if environment is None else {**os.environ, **environment},
+        )
+    except (OSError, ValueError) as error:
+        raise CompilerError(f"{command[0]} cannot be started: {error}") from None
+    said: list[bytes] = []
+    pipe = process.stdout or process.stderr
+    reader = threading.Thread(target=_drain, args=(pipe, said), daemon=True)
+    reader.start()
+    try:
+        status = process.wait(timeout)
+        reader.join(_UNREAPED_S)  # a child that it left behind may hold the pipe open
+    except subprocess.TimeoutExpired:
+        raise HungError(f"{command[0]} did not answer in {timeout:.0f} s") from None
+    finally:
+        _kill(process)  # also on an interrupt, which a session of its own does not see
+    text = b"".join(said).decode(errors="replace")
+    if status != 0:
+        raise CompilerError(f"{command[0]} failed with {status}: {text[-2000:].strip()}")
+    return text
+
+
+def _drain(pipe: IO[bytes] | None, said: list[bytes]) -> None:
+    """Read to the end and keep the beginning."""
+    if pipe is None:
+        return
+    left = _KEPT
+    with pipe, contextlib.suppress(OSError):
+        while piece := os.read(pipe.fileno(), _KEPT):
+            said.append(piece[:left])
+            left -= len(said[-1])
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    """End a program that still runs, with its children."""
+    if process.poll() is not None:
+        return
+    if sys.platform == "win32":
+        process.kill()
+    else:
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        process.wait(_UNREAPED_S)

@@ -12,6 +12,7 @@ from symcal.cli.deliver import compensate, export, import_, schema
 from symcal.cli.identify import check, identify, run, validate
 from symcal.cli.images import board, camera, measure
 from symcal.cli.plan import plan
+from symcal.cli.stdout import named_stdout, silence
 from symcal.errors import SymcalError
 
 for command in (run, plan, board, camera, measure, identify, check, validate, compensate, export):
@@ -22,11 +23,16 @@ app.command()(schema)
 
 def main() -> None:
     """Entry point: an input error is one message and exit code 1; a traceback is a bug of ours."""
-    signal.signal(signal.SIGTERM, _stop)
+    for number in (signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])):
+        signal.signal(number, _stop)
     try:
-        app()
+        with named_stdout():
+            app()
     except SymcalError as error:
-        Console(stderr=True, soft_wrap=True).print(f"symcal: {error}", markup=False, highlight=False)
+        try:
+            Console(stderr=True, soft_wrap=True).print(f"symcal: {error}", markup=False, highlight=False)
+        except OSError:
+            silence(sys.stderr)
         sys.exit(1)
 
 

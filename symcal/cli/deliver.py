@@ -29,10 +29,10 @@ def compensate(
     from symcal.compensation.targets import read_targets
     from symcal.errors import InputError
     from symcal.export.carries import left_out
+    from symcal.outputs.whole_file import require_place
     from symcal.robot.files import load_robot
-    from symcal.runs.folder import require_place
 
-    require_place(out)
+    require_place(out, (calibrated, targets))
 
     if frame not in ("base", "world"):
         raise InputError("no such frame", key="--frame", found=frame, allowed=("base", "world"))
@@ -96,11 +96,11 @@ def import_(
     out: Annotated[Path, typer.Option("--out", metavar="YAML", help="robot file")] = Path("robot.yaml"),
 ) -> None:
     """Read a URDF chain as a robot file."""
+    from symcal.outputs.whole_file import require_place
     from symcal.robot.files import save_robot
     from symcal.robot.urdf import load_urdf
-    from symcal.runs.folder import require_place
 
-    require_place(out)
+    require_place(out, (urdf,))
 
     robot = load_urdf(urdf, base, tip)
     save_robot(robot, out)

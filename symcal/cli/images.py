@@ -25,8 +25,8 @@ def board(
 ) -> None:
     """Draw a calibration board at true size, to be printed at 100 %."""
     from symcal.camera.board import parse_board
+    from symcal.outputs.whole_file import require_place
     from symcal.runs.board import print_board
-    from symcal.runs.folder import require_place
 
     require_place(out)
     parsed = parse_board(board)
@@ -78,10 +78,10 @@ def camera(
     """Calibrate a camera from images of a board or a list of corners, and judge the calibration."""
     from symcal.camera.board import parse_board
     from symcal.errors import InputError
+    from symcal.outputs.whole_file import require_place
     from symcal.runs.camera import calibrate_from_corners, calibrate_from_images, camera_content
-    from symcal.runs.folder import require_place
 
-    require_place(out)
+    require_place(out, (*(images or ()), *(() if points is None else (points,))))
     if (points is None) != bool(images):
         both = ", not both" if images else ""
         raise InputError(f"give images of a board, or a list of corners as --points{both}")
@@ -152,10 +152,10 @@ def measure(
     quiet: Quiet = False,
 ) -> None:
     """Measure a target or a printed board in images, on the robot's tool or seen by a camera there."""
-    from symcal.runs.folder import require_place
+    from symcal.outputs.whole_file import require_place
     from symcal.runs.measure import measure_files
 
-    require_place(out)
+    require_place(out, (*images, camera_file, joints, robot, *(path for path in (target, scene) if path is not None)))
     with terminal.spinner(quiet) as progress:
         found = measure_files(
             images,

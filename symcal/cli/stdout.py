@@ -73,8 +73,9 @@ def named_stdout() -> Iterator[None]:
     Raises:
         StdoutError: it cannot be written. ReaderGone: nobody reads it.
     """
-    system = cast("TextIO | None", sys.stdout)
-    if system is None or system is not sys.__stdout__:
+    system: TextIO | None = sys.stdout
+    redirected = system is not sys.__stdout__
+    if system is None or redirected:
         yield
         return
     named = NamedStdout(system)

@@ -110,8 +110,8 @@ def real_place(path: Path) -> Path:
         InputError: it is a folder, a device, a pipe, a stream of a process, or protected from writing.
         OSError, ValueError: it cannot be looked at.
     """
-    place = Path(os.path.realpath(path))
-    if place.is_relative_to("/proc") or (path.is_symlink() and str(path.readlink()).startswith("/proc/")):
+    place, folder = Path(os.path.realpath(path)), Path(os.path.realpath(path.parent))
+    if folder.is_relative_to("/proc") or (path.is_symlink() and path.readlink().is_relative_to("/proc")):
         raise InputError("this is a stream of a process: name a file", file=path)
     try:
         mode = place.stat().st_mode

@@ -134,4 +134,3 @@ def _before(module: Any, name: str, step: Callable[[], None]) -> None:
 def cannot_exchange(*_: object) -> bool:
     """In place of `exchange`: a file system that has no such call."""
     return False
-

@@ -19,8 +19,9 @@ _JUNK = frozenset({".DS_Store", "Thumbs.db", "desktop.ini", ".directory"})
 
 
 def write_manifest(folder: Path) -> None:
-    """List every file of a folder, at any depth, with its SHA-256, in `MANIFEST`."""
-    files = {name: _digest(folder / name) for name in _files(folder) if name != MANIFEST}
+    """List every plain file of a folder, at any depth, with its SHA-256, in `MANIFEST`."""
+    plain = [name for name in sorted(_files(folder)) if name != MANIFEST and _is_plain(folder / name)]
+    files = {name: _digest(folder / name) for name in plain}
     write_whole(folder / MANIFEST, json.dumps({"schema": SCHEMA, "files": files}, indent=2, ensure_ascii=False) + "\n")
 
 
@@ -48,7 +49,7 @@ def foreign_files(
 
 def has_manifest(folder: Path) -> bool:
     """Whether a folder says what was made there."""
-    return bool(_listed(folder / MANIFEST))
+    return _listed(folder / MANIFEST) is not None
 
 
 def _foreign(folder: Path, manifest: str, made_since: Callable[[str], bool]) -> list[str]:
@@ -56,13 +57,13 @@ def _foreign(folder: Path, manifest: str, made_since: Callable[[str], bool]) -> 
     found = []
     for name in _files(folder):
         path = folder / name
-        if name == manifest and listed:
+        if name == manifest and listed is not None:
             continue
         try:
-            plain = stat.S_ISREG(path.lstat().st_mode)
+            plain = _is_plain(path)
             if plain and (path.name in _JUNK or made_since(name)):
                 continue
-            if not plain or name not in listed or _digest(path) != listed[name]:
+            if not plain or _digest(path) != (listed or {}).get(name):
                 found.append(name)
         except FileNotFoundError:  # it went while the folder was looked at
             continue
@@ -84,14 +85,19 @@ def _files(folder: Path) -> list[str]:
     return found
 
 
-def _listed(path: Path) -> Mapping[str, str]:
+def _listed(path: Path) -> Mapping[str, str] | None:
+    """Hashes by name; None where there is no manifest that can be read."""
     try:
-        if not stat.S_ISREG(path.lstat().st_mode):
-            return {}
+        if not _is_plain(path):
+            return None
         files = json.loads(path.read_text(encoding="utf-8"))["files"]
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return {}
-    return files if isinstance(files, dict) else {}
+        return None
+    return files if isinstance(files, dict) else None
+
+
+def _is_plain(path: Path) -> bool:
+    return stat.S_ISREG(path.lstat().st_mode)
 
 
 def _digest(path: Path) -> str:

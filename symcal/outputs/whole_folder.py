@@ -88,9 +88,11 @@ def absolute(target: Path) -> Path:
         whole = target.resolve() if target.name in ("", "..") else target.parent.resolve() / target.name
         if not whole.name:
             raise InputError("this folder cannot be replaced", key="--out", found=target)
-        os.path.lexists(whole)
+        with contextlib.suppress(FileNotFoundError, NotADirectoryError):
+            whole.lstat()
     except (OSError, RuntimeError, ValueError) as error:
-        raise InputError(f"not a path that can be used: {error}", key="--out", found=target) from None
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"this cannot be a folder: {reason}", key="--out", found=target) from None
     return whole
 
 

@@ -10,8 +10,37 @@ from hypothesis import strategies as st
 
 from symcal.outputs.names import LONGEST, file_name, file_names
 
-HOSTILE = ["", ".", "..", "/", "../../etc/passwd", "/etc/passwd", "C:\\x", "a\0b", "a\nb", "x" * 3000, "é" * 200, "con", "CON"]
-HOSTILE += ["Nul.csv", "com1", "a.", "a ", " a", ".hidden", "-rf", "~", "$HOME", "a:b", "a*?", "..\\..", "\ud800", "人" * 99]
+HOSTILE = [
+    "",
+    ".",
+    "..",
+    "/",
+    "../../etc/passwd",
+    "/etc/passwd",
+    "C:\\x",
+    "a\0b",
+    "a\nb",
+    "x" * 3000,
+    "é" * 200,
+    "con",
+    "CON",
+]
+HOSTILE += [
+    "Nul.csv",
+    "com1",
+    "a.",
+    "a ",
+    " a",
+    ".hidden",
+    "-rf",
+    "~",
+    "$HOME",
+    "a:b",
+    "a*?",
+    "..\\..",
+    "\ud800",
+    "人" * 99,
+]
 
 
 @pytest.mark.parametrize("name", ["wire_a", "tracker", "pose 3", "image.01", "FR3-test+1", "Ünal", "_", "7"])

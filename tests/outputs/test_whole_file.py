@@ -124,7 +124,9 @@ def test_killed_at_every_step_it_is_old_or_new_and_the_next_writer_sweeps(tmp_pa
     assert seen == {"old", NEW}
 
 
-def test_the_temporary_file_of_a_writer_that_lives_is_left_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_temporary_file_of_a_writer_that_lives_is_left_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path, fsync = tmp_path / "out", os.fsync
 
     def another(descriptor: int) -> None:

@@ -85,7 +85,7 @@ def _forked(work: Work) -> int:
     try:
         work()
         code = 0
-    except BaseException:
+    except BaseException:  # noqa: BLE001  # whatever it is, the child must not go on as a second pytest
         traceback.print_exc()
     finally:
         sys.stdout.flush()
@@ -103,7 +103,7 @@ def _watch(folder: Path, step: Callable[[], None]) -> None:
 
     def hook(event: str, arguments: tuple[Any, ...]) -> None:
         if event == "open":
-            path, mode, flags = arguments
+            path, _, flags = arguments
             writing = flags & _WRITING if isinstance(flags, int) else 0
             if isinstance(path, (str, bytes, os.PathLike)) and writing and _inside(path):
                 step()

@@ -284,7 +284,8 @@ def test_what_file_managers_leave_does_not_count(tmp_path):
     assert text_of(target) == "second"
 
 
-def test_what_comes_into_the_folder_while_the_run_works_is_kept_and_so_is_the_result(tmp_path, way):
+@pytest.mark.usefixtures("way")
+def test_what_comes_into_the_folder_while_the_run_works_is_kept_and_so_is_the_result(tmp_path):
     target = tmp_path / "run"
     write(target, "first")
 

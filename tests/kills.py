@@ -2,12 +2,12 @@
 
     python tests/kills.py [N] [COMMAND...]
 
-N kills at random moments, 200 if not said, shared by the commands; and every command's steps in the file system, evenly
-chosen where there are more than `STEPS`: with an exchange of folders and, where a folder is made, with two renames as on
-file systems that have no exchange. After each kill there is whole what was there before or what is new; the next command
-into the same place finds it, and leaves nothing beside it. The commands run in children that have loaded everything, so
-that a random moment falls into their work and not into the imports; at steps what they compute, which takes no step, is
-computed once.
+N kills at random moments, 200 if not said, shared by the commands; and at every command's steps in the file system,
+evenly chosen where there are more than `STEPS`: with an exchange of folders and, where a folder is made, with two
+renames as on file systems that have no exchange. After each kill there is whole what was there before or what is new;
+the next command into the same place finds it, and leaves nothing beside it. The commands run in children that have
+loaded everything, so that a random moment falls into their work and not into the imports; at steps what they compute,
+which takes no step, is computed once.
 """
 
 from __future__ import annotations

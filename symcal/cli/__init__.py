@@ -23,8 +23,10 @@ app.command()(schema)
 
 def main() -> None:
     """Entry point: an input error is one message and exit code 1; a traceback is a bug of ours."""
-    for number in (signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])):
-        signal.signal(number, _stop)
+    signal.signal(signal.SIGTERM, _stop)
+    hangup = getattr(signal, "SIGHUP", None)
+    if hangup is not None and signal.getsignal(hangup) != signal.SIG_IGN:  # not under nohup
+        signal.signal(hangup, _stop)
     try:
         with named_stdout():
             app()

@@ -30,6 +30,8 @@ def require_replaceable(target: Path, inputs: Iterable[Path] = ()) -> None:
         InputError: the target cannot be read.
     """
     where = absolute(target)
+    if where.is_symlink() or (where.exists() and not where.is_dir()):
+        raise RefusedError(f"{target} is not a folder: nothing was written; choose another --out")
     recover(where)
     for path in inputs:
         if any(own.is_relative_to(where) for own in (path.absolute(), path.resolve())):
@@ -61,7 +63,7 @@ def _refuse_foreign(folder: Path, shown: Path) -> None:
         foreign = foreign_files(folder)
         known = not foreign or has_manifest(folder)
     except OSError as error:
-        raise InputError(f"the output folder cannot be read: {error.strerror}", file=shown) from None
+        raise InputError(f"the output folder cannot be used: {error.strerror}", file=shown) from None
     if not foreign:
         return
     names = ", ".join(foreign[:_NAMED]) + (f" and {len(foreign) - _NAMED} more" if len(foreign) > _NAMED else "")

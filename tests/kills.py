@@ -3,11 +3,11 @@
     python tests/kills.py [N] [COMMAND...]
 
 N kills at random moments, 200 if not said, shared by the commands; and at every command's steps in the file system,
-evenly chosen where there are more than `STEPS`: with an exchange of folders and, where a folder is made, with two
-renames as on file systems that have no exchange. After each kill there is whole what was there before or what is new;
-the next command into the same place finds it, and leaves nothing beside it. The commands run in children that have
-loaded everything, so that a random moment falls into their work and not into the imports; at steps what they compute,
-which takes no step, is computed once.
+evenly chosen where there are more than `STEPS` (fewer where figures are drawn): with an exchange of folders and, where
+a folder is made, with two renames as on file systems that have no exchange. After each kill there is whole what was
+there before or what is new; the next command into the same place finds it, and leaves nothing beside it. The commands
+run in children that have loaded everything, so that a random moment falls into their work and not into the imports; at
+steps what they compute, which takes no step, is computed once.
 """
 
 from __future__ import annotations
@@ -61,12 +61,14 @@ C_MANIFEST = "symcal_export.json"
 class Command:
     """A command of the program, as `work(inputs, out, seed)`: into the folder out, differently by seed.
 
-    made: the names in `out` that it makes. computed: (module, name) of what it computes without a step.
+    made: the names in `out` that it makes. computed: (module, name) of what it computes without a step. steps: how many
+        of its steps at most.
     """
 
     work: Callable[[Path, Path, int], object]
     made: tuple[str, ...]
     computed: tuple[tuple[Any, str], ...] = ()
+    steps: int = STEPS
 
 
 def _run(figures: bool) -> Callable[[Path, Path, int], object]:
@@ -101,7 +103,7 @@ def _measure(inputs: Path, out: Path, seed: int) -> None:
 IDENTIFY, PLAN = (identification_folder, "identify_experiment"), (planning, "plan_experiment")
 COMMANDS = {
     "run": Command(_run(False), ("run",), (IDENTIFY,)),
-    "run with figures": Command(_run(True), ("run",), (IDENTIFY,)),
+    "run with figures": Command(_run(True), ("run",), (IDENTIFY,), steps=10),
     "identify": Command(_identify, ("run",), (IDENTIFY,)),
     "plan": Command(_plan, ("run",), (PLAN,)),
     "export json": Command(_export("json"), ("robot.json", "corrections.csv")),
@@ -218,7 +220,7 @@ class Kills:
             self.work()
             self.fresh()
             steps = count_steps(self.work, self.out)
-            chosen = sorted({int(i) for i in np.linspace(0, steps - 1, min(steps, STEPS))})
+            chosen = sorted({int(i) for i in np.linspace(0, steps - 1, min(steps, self.command.steps))})
             for step in chosen:
                 self.fresh()
                 assert kill_at(self.work, step, self.out)

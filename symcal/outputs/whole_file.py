@@ -13,7 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from symcal.errors import InputError, RefusedError
-from symcal.outputs.locks import is_free, try_lock
+from symcal.outputs.locks import is_free, same_file, try_lock
+
+STAGE = re.compile(r"\..*-[0-9a-f]{12}", re.DOTALL)
+"""Hidden names of folders that are being made; a lock `<name>.lock` stands beside one. See `whole_folder`."""
 
 _UNFLUSHABLE = frozenset({errno.EINVAL, errno.ENOTSUP, errno.EBADF})  # what some file systems answer to fsync
 _READ = 1 << 26  # bytes in which a file's mark is looked for
@@ -25,7 +28,8 @@ def write_whole(path: Path | str, content: str | bytes) -> None:
 
     It is written under a hidden name in the same folder, flushed, and renamed; a link is followed, and what it points
     to replaced. The file keeps its permissions; a new one has those that the user's umask gives. What killed writers of
-    the same file left is removed.
+    the same file left is removed. In a folder that is being made, which nobody sees before it is whole and flushed, it
+    is simply written.
 
     Raises:
         InputError: the file cannot be written: a full disk, no permission, a name too long, a folder, a device or a
@@ -47,7 +51,10 @@ def write_all_whole(contents: Mapping[Path, str | bytes]) -> None:
     try:
         for path, content in contents.items():
             data = content.encode("utf-8") if isinstance(content, str) else content
-            staged.append(_stage(real_place(path), data))
+            if _in_stage(path):
+                _write_plainly(path, data)
+            else:
+                staged.append(_stage(real_place(path), data))
         for one in staged:
             os.replace(one.temporary, one.place)  # noqa: PTH105
         for folder in {one.place.parent for one in staged}:
@@ -160,15 +167,11 @@ class _Staged:
 
 def _stage(place: Path, data: bytes) -> _Staged:
     _sweep(place)
-    temporary = place.with_name(f"{_prefix(place)}{secrets.token_hex(6)}.tmp")
-    descriptor = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_RDWR | getattr(os, "O_BINARY", 0), 0o666)
+    temporary, descriptor = _temporary(place)
     try:
-        try_lock(descriptor)
         with contextlib.suppress(FileNotFoundError):
             os.chmod(temporary, stat.S_IMODE(place.stat().st_mode) & 0o777)  # noqa: PTH101
-        rest = memoryview(data)
-        while rest:
-            rest = rest[os.write(descriptor, rest) :]
+        _write(descriptor, data)
         flush(descriptor)
     except BaseException:
         with contextlib.suppress(OSError):
@@ -176,6 +179,36 @@ def _stage(place: Path, data: bytes) -> _Staged:
         os.close(descriptor)
         raise
     return _Staged(place, temporary, descriptor)
+
+
+def _temporary(place: Path) -> tuple[Path, int]:
+    """A new file beside a place, open and locked."""
+    while True:
+        path = place.with_name(f"{_prefix(place)}{secrets.token_hex(6)}.tmp")
+        descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR | getattr(os, "O_BINARY", 0), 0o666)
+        if try_lock(descriptor) is not False and same_file(descriptor, path):
+            return path, descriptor
+        os.close(descriptor)  # another writer took it for a dead one's before it was locked, and removes it
+
+
+def _in_stage(path: Path) -> bool:
+    return any(
+        STAGE.fullmatch(folder.name) and folder.with_name(f"{folder.name}.lock").is_file() for folder in path.parents
+    )
+
+
+def _write_plainly(path: Path, data: bytes) -> None:
+    descriptor = os.open(path, os.O_CREAT | os.O_TRUNC | os.O_WRONLY | getattr(os, "O_BINARY", 0), 0o666)
+    try:
+        _write(descriptor, data)
+    finally:
+        os.close(descriptor)
+
+
+def _write(descriptor: int, data: bytes) -> None:
+    rest = memoryview(data)
+    while rest:
+        rest = rest[os.write(descriptor, rest) :]
 
 
 def _prefix(place: Path) -> str:

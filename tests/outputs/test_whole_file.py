@@ -19,6 +19,8 @@ from symcal.documents.document import write_document
 from symcal.errors import InputError, RefusedError
 from symcal.export.json import save_json
 from symcal.export.urdf import save_urdf
+from symcal.outputs import whole_file, whole_folder
+from symcal.outputs.locks import try_lock
 from symcal.outputs.whole_file import require_own, require_place, write_all_whole, write_whole
 from symcal.robot.files import save_robot
 from symcal.vision.images import write_image
@@ -139,6 +141,31 @@ def test_the_temporary_file_of_a_writer_that_lives_is_left_alone(
     write_whole(path, NEW)
     assert path.read_text() == NEW
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_is_taken_for_dead_before_it_is_locked_is_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By a sweeper that comes between the making of a temporary file, or of a folder's lock, and its locking."""
+    swept = []
+
+    def sweeper(descriptor: int) -> bool | None:
+        if not swept:
+            swept.extend(tmp_path.iterdir())
+            swept[0].unlink()
+            return False
+        return try_lock(descriptor)
+
+    for module in (whole_file, whole_folder):
+        monkeypatch.setattr(module, "try_lock", sweeper)
+    write_whole(tmp_path / "out", "new")
+    assert (tmp_path / "out").read_text() == "new"
+    (tmp_path / "out").unlink()
+    swept.clear()
+    with whole_folder.whole_folder(tmp_path / "run", lambda _: None) as folder:
+        write_whole(folder / "file", "new")
+    assert (tmp_path / "run" / "file").read_text() == "new"
+    assert list(tmp_path.iterdir()) == [tmp_path / "run"]
 
 
 def test_writers_at_the_same_time_leave_one_whole_file(tmp_path: Path) -> None:

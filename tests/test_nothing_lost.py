@@ -158,6 +158,37 @@ def test_single_outputs_are_not_written_over_what_is_read(tmp_path: Path, monkey
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
 
 
+def test_a_file_with_a_default_name_is_replaced_only_if_it_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from symcal.cli import main
+
+    monkeypatch.chdir(tmp_path)
+    save_robot(calibrated(), tmp_path / "calibrated.yaml")
+    (tmp_path / "targets.csv").write_text("q1_deg,q2_mm,q3_mm,q4_deg,q5_deg\n0,900,100,90,0\n")
+    commands = {
+        "joints.csv": "compensate calibrated.yaml --targets targets.csv",
+        "board.pdf": "board chessboard:9x6:25mm",
+        "robot.yaml": "import robot.urdf --base a --tip b",
+        "camera.yaml": "camera --points points.csv --size 9x9",
+        "measurements.csv": "measure a.png --camera c.yaml --joints j.csv --robot r.yaml --target t.yaml",
+    }
+    for name, words in commands.items():
+        (tmp_path / name).write_text("mine")
+        monkeypatch.setattr(sys, "argv", ["symcal", *words.split()])
+        with pytest.raises(SystemExit) as end:
+            main()
+        assert end.value.code == 1
+        assert f"{name} is there already and is kept: '--out {name}' replaces it" in capsys.readouterr().err
+        assert (tmp_path / name).read_text() == "mine"
+    for name in ("joints.csv", "board.pdf"):
+        monkeypatch.setattr(sys, "argv", ["symcal", *commands[name].split(), "--out", name, "--quiet"])
+        with pytest.raises(SystemExit) as end:
+            main()
+        assert end.value.code == 0
+        assert (tmp_path / name).read_bytes() != b"mine"
+
+
 # ------------------------------------------------------------------------------------------------- standard output
 
 

@@ -253,6 +253,20 @@ def test_a_folder_without_a_manifest_is_refused_even_with_a_runs_names(tmp_path)
     assert (target / "measurements.csv").read_text() == "a day of work"
 
 
+def test_a_big_folder_is_refused_without_being_read_through(tmp_path, monkeypatch):
+    target = tmp_path / "home"
+    for i in range(30):
+        (target / f"{i:02d}").mkdir(parents=True)
+        for k in range(20):
+            (target / f"{i:02d}" / f"{k}.txt").write_text("mine")
+    looked, scandir = [], os.scandir
+    monkeypatch.setattr(os, "scandir", lambda path: looked.append(path) or scandir(path))
+    monkeypatch.setattr("symcal.outputs.manifest._digest", lambda path: pytest.fail(f"{path} was read"))
+    with pytest.raises(RefusedError, match=r"\(00/0\.txt, 00/1\.txt, 00/10\.txt, \.\.\.\)"):
+        require_replaceable(target)
+    assert len(looked) < 10
+
+
 def test_links_and_devices_are_nobodys_and_never_followed(tmp_path):
     outside = tmp_path / "outside"
     outside.mkdir()
@@ -353,6 +367,16 @@ def test_what_is_not_a_run_is_not_replaced(tmp_path):
             write(strange, "x")
     assert (foreign / "chapter1.tex").read_text() == "years of work"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["link", "thesis"]
+
+
+@pytest.mark.parametrize("protected", ["run", "."])
+def test_a_protected_folder_is_an_error_before_the_work(tmp_path, monkeypatch, protected):
+    """Whoever protects a result, or the folder around it, wants it kept."""
+    write(tmp_path / "run", "first")
+    monkeypatch.setattr(os, "access", lambda path, _: Path(path) != tmp_path / protected)
+    with pytest.raises(InputError, match="cannot be written: Permission denied"):
+        require_replaceable(tmp_path / "run")
+    assert text_of(tmp_path / "run") == "first"
 
 
 def test_an_empty_folder_is_filled(tmp_path):

@@ -6,13 +6,16 @@ import hashlib
 import json
 import os
 import stat
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from symcal.outputs.whole_file import write_whole
 
 MANIFEST = "manifest.json"
 SCHEMA = "symcal/manifest/1"
+
+ENOUGH = 100
+"""Foreign files before the rest is not looked at."""
 
 _JUNK = frozenset({".DS_Store", "Thumbs.db", "desktop.ini", ".directory"})
 """What file managers leave in every folder that is looked at, and make again."""
@@ -28,7 +31,8 @@ def write_manifest(folder: Path) -> None:
 def foreign_files(
     folder: Path, manifest: str = MANIFEST, *, made_since: Callable[[str], bool] = lambda _: False
 ) -> list[str]:
-    """Files of a folder that its manifest does not list, or that are not what it lists any more; sorted, relative.
+    """Files of a folder that its manifest does not list, or that are not what it lists any more; relative, and not more
+    than `ENOUGH`: a home folder has millions.
 
     Links and whatever is no plain file are foreign; a link is never followed. Left out is what file managers leave
     (`.DS_Store` and the like). Without a readable manifest every file is foreign. A folder that is replaced while it is
@@ -54,8 +58,10 @@ def has_manifest(folder: Path) -> bool:
 
 def _foreign(folder: Path, manifest: str, made_since: Callable[[str], bool]) -> list[str]:
     listed = _listed(folder / manifest)
-    found = []
+    found: list[str] = []
     for name in _files(folder):
+        if len(found) == ENOUGH:
+            break
         path = folder / name
         if name == manifest and listed is not None:
             continue
@@ -63,26 +69,24 @@ def _foreign(folder: Path, manifest: str, made_since: Callable[[str], bool]) -> 
             plain = _is_plain(path)
             if plain and (path.name in _JUNK or made_since(name)):
                 continue
-            if not plain or _digest(path) != (listed or {}).get(name):
+            if not plain or listed is None or name not in listed or _digest(path) != listed[name]:
                 found.append(name)
         except FileNotFoundError:  # it went while the folder was looked at
             continue
-    return sorted(found)
+    return found
 
 
-def _files(folder: Path) -> list[str]:
-    """Everything in a folder but folders, at any depth; links are not followed."""
-    found = []
+def _files(folder: Path) -> Iterator[str]:
+    """Everything in a folder but folders, at any depth, first what is in it itself; links are not followed."""
     try:
         with os.scandir(folder) as entries:
-            for entry in entries:
-                if entry.is_dir(follow_symlinks=False):
-                    found += [f"{entry.name}/{inside}" for inside in _files(folder / entry.name)]
-                else:
-                    found.append(entry.name)
+            own = sorted((entry.name, entry.is_dir(follow_symlinks=False)) for entry in entries)
     except FileNotFoundError:  # it went while it was looked at
-        return found
-    return found
+        return
+    yield from (name for name, is_folder in own if not is_folder)
+    for name, is_folder in own:
+        if is_folder:
+            yield from (f"{name}/{inside}" for inside in _files(folder / name))
 
 
 def _listed(path: Path) -> Mapping[str, str] | None:

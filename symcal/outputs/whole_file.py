@@ -88,6 +88,22 @@ def require_place(file: Path, inputs: Iterable[Path] = ()) -> None:
         raise InputError(_sentence(error), key="--out", found=file) from None
 
 
+def place_of(out: Path | None, default: str, inputs: Iterable[Path] = ()) -> Path:
+    """Where a command writes its file, as `require_place` has looked at it.
+
+    Args:
+        out: as the user named it; None: `default` in the current folder, if nothing of that name is there: somebody may
+            have put it there who did not think of this command.
+    Raises:
+        InputError, RefusedError: as `require_place`. RefusedError: the default is there.
+    """
+    if out is None and os.path.lexists(default):
+        raise RefusedError(f"{default} is there already and is kept: '--out {default}' replaces it, or name another")
+    place = Path(default) if out is None else out
+    require_place(place, inputs)
+    return place
+
+
 def require_own(path: Path, mark: bytes) -> None:
     """Refuse to replace a file that the user did not name and that was not written by this program.
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from io import BytesIO
 from pathlib import Path
 
+from symcal.errors import InputError
 from symcal.outputs.names import file_name
 from symcal.outputs.whole_file import write_all_whole
 from symcal.plots import Illustration, print_settings
@@ -32,6 +33,13 @@ def save_figure(illustration: Illustration, folder: Path | str, truetype: bool =
 
 
 def save_figures(illustrations: Iterable[Illustration], folder: Path | str) -> tuple[Picture, ...]:
-    """Write several, into a folder that is made if there is none."""
-    Path(folder).mkdir(parents=True, exist_ok=True)
+    """Write several, into a folder that is made if there is none.
+
+    Raises:
+        InputError: they cannot be written.
+    """
+    try:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"the folder of figures cannot be made: {error.strerror}", file=folder) from None
     return tuple(save_figure(illustration, folder) for illustration in illustrations)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -32,6 +33,12 @@ def require_replaceable(target: Path, inputs: Iterable[Path] = ()) -> None:
     where = absolute(target)
     if where.is_symlink() or (where.exists() and not where.is_dir()):
         raise RefusedError(f"{target} is not a folder: nothing was written; choose another --out")
+    for folder in (where, *where.parents):
+        if folder.exists():
+            if not os.access(folder, os.W_OK | os.X_OK):
+                raise InputError("the output folder cannot be written: Permission denied", file=target)
+            if folder != where:
+                break
     recover(where)
     for path in inputs:
         if any(own.is_relative_to(where) for own in (path.absolute(), path.resolve())):
@@ -66,7 +73,7 @@ def _refuse_foreign(folder: Path, shown: Path) -> None:
         raise InputError(f"the output folder cannot be used: {error.strerror}", file=shown) from None
     if not foreign:
         return
-    names = ", ".join(foreign[:_NAMED]) + (f" and {len(foreign) - _NAMED} more" if len(foreign) > _NAMED else "")
+    names = ", ".join(foreign[:_NAMED]) + (", ..." if len(foreign) > _NAMED else "")
     why = "that no run made or that were changed since" if known else f"and no {MANIFEST} that says a run made them"
     raise RefusedError(f"{shown} holds files {why} ({names}): it is not replaced; choose another --out")
 

@@ -30,8 +30,10 @@ from typing import Any
 import cv2
 import numpy as np
 from camera_scenes import ROBOT, T_WORLD_CAMERA, TRUTH, poses, small_camera, target, target_poses
+from cases import TABLE_III
 from interrupted import cannot_exchange, count_steps, kill_after, kill_at, together
 from measured_arms import measure, write_experiment
+from test_cli_handover import calibrated
 
 import symcal.compensation.compensate as compensation
 from symcal.camera.files import write_camera, write_target
@@ -118,8 +120,8 @@ def write_inputs(folder: Path) -> None:
     """What the commands read: an experiment with its data, two calibrated robots, targets, two images."""
     write_experiment(measure("puma", "standard", np.random.default_rng(5), 25, 10), folder, "long")
     for seed in (1, 2):
-        run(CONFIGS / "simulated_arm.yaml", folder / f"made{seed}", seed=seed, overrides=("data.test_poses=10", *QUIET))
-        shutil.copy(folder / f"made{seed}" / "calibrated.yaml", folder / f"calibrated{seed}.yaml")
+        errors = {name: seed * error for name, error in TABLE_III.items()}
+        save_robot(calibrated(errors), folder / f"calibrated{seed}.yaml")
     rows = [f"{i},{900 + i},{100 + i},60,{i}" for i in range(50)]
     (folder / "targets.csv").write_text("\n".join(["q1_deg,q2_mm,q3_mm,q4_deg,q5_deg", *rows]) + "\n")
     lens = small_camera()

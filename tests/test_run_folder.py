@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import os
@@ -332,6 +333,26 @@ def test_what_comes_in_at_the_last_moment_is_kept_too(tmp_path, monkeypatch):
     with pytest.raises(RefusedError, match="thesis"):
         write(target, "second")
     assert (target / "thesis.tex").read_text() == "mine"
+    assert text_of(tmp_path / "run-1") == "second"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["run", "run-1"]
+
+
+def test_a_folder_that_cannot_be_moved_keeps_its_place_and_the_result_is_beside(tmp_path, monkeypatch):
+    """As one of a lower layer of an overlay, in a container."""
+    target = tmp_path / "run"
+    write(target, "first")
+    rename = Path.rename
+
+    def immovable(self: Path, other: Path) -> Path:
+        if self == target:
+            raise OSError(errno.EXDEV, os.strerror(errno.EXDEV))
+        return rename(self, other)
+
+    monkeypatch.setattr(module, "exchange", cannot_exchange)
+    monkeypatch.setattr(Path, "rename", immovable)
+    with pytest.raises(InputError, match=r"Invalid cross-device link; it is untouched, and the result is in .*run-1"):
+        write(target, "second")
+    assert text_of(target) == "first"
     assert text_of(tmp_path / "run-1") == "second"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["run", "run-1"]
 

@@ -66,6 +66,9 @@ def whole_folder(target: Path, check: Check, seal: Check = lambda _: None) -> It
             _place(stage, target, check)
         except RefusedError as error:
             raise RefusedError(f"{error}; the result is in {_beside(stage.fresh, target)}") from None
+        except OSError as error:  # such as a folder of a lower layer of an overlay, which cannot be renamed
+            message = f"the old folder cannot be replaced: {error.strerror}; it is untouched, and the result is in "
+            raise InputError(message + str(_beside(stage.fresh, target)), file=target) from None
         flush_folder(target.parent)
     except InputError as error:
         if error.file is not None and error.file.is_relative_to(stage.fresh):

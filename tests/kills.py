@@ -98,7 +98,8 @@ def _compensate(inputs: Path, out: Path, seed: int) -> None:
 
 
 def _measure(inputs: Path, out: Path, seed: int) -> None:
-    files = {name: inputs / f"{name}.yaml" for name in ("camera", "robot", "target", "scene")}
+    files = {name: inputs / f"{name}.yaml" for name in ("camera", "target", "scene")}
+    files["robot"] = inputs / "seen.yaml"
     measure_files([inputs / "images"], joints=inputs / f"joints{seed}.csv", out=out / "measurements.csv", **files)
 
 
@@ -138,7 +139,7 @@ def write_inputs(folder: Path) -> None:
     )
     write_camera(folder / "camera.yaml", lens)
     write_target(folder / "target.yaml", target())
-    save_robot(ROBOT, folder / "robot.yaml")
+    save_robot(ROBOT, folder / "seen.yaml")  # beside robot.yaml of the experiment
 
 
 def mark(path: Path) -> str:

@@ -15,6 +15,7 @@ import pytest
 from measured_arms import measure, write_experiment
 
 from symcal import cli
+from symcal.runs.folder import run_folder
 
 
 @pytest.fixture
@@ -22,7 +23,7 @@ def symcal(capsys, monkeypatch, tmp_path):
     """`symcal ARGS` in an empty folder: exit code, standard output, standard error."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
-    before = signal.getsignal(signal.SIGTERM)
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
 
     def call(*arguments: str | Path) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["symcal", *map(str, arguments)])
@@ -35,7 +36,8 @@ def symcal(capsys, monkeypatch, tmp_path):
         return code, out, err
 
     yield call
-    signal.signal(signal.SIGTERM, before)
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture
@@ -140,10 +142,10 @@ def test_a_slip_in_any_file_is_one_line_and_nothing_is_written(symcal, experimen
         (("check", "data.csv"), "expected 'key: value' lines"),
         (
             ("run", "experiment.yaml", "--out", "."),
-            "holds files that no run writes (data.csv, experiment.yaml, robot.yaml)",
+            "experiment.yaml is read by this run and lies in .: it would be lost; choose another --out",
         ),
         (("run", "experiment.yaml", "--out", "data.csv"), "data.csv is not a folder"),
-        (("run", "experiment.yaml", "--out", "data.csv/x"), "the output folder cannot be written"),
+        (("run", "experiment.yaml", "--out", "data.csv/x"), "the output folder cannot be used: Not a directory"),
         (
             ("run", "experiment.yaml", "--set", "sed=1"),
             "key '--set sed': unknown key (found: sed); did you mean 'seed'?",
@@ -193,13 +195,13 @@ def test_schema_is_json(symcal, kind):
     assert json.loads(out)["additionalProperties"] is False
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.usefixtures("experiment")
 def test_a_stopped_run_leaves_the_old_folder(tmp_path, number):
     """The process itself, stopped while it writes."""
     target = tmp_path / "result"
-    target.mkdir()
-    (target / "results.json").write_text("old")
+    with run_folder(target) as folder:
+        (folder / "results.json").write_text("old")
     script = (
         "import sys, time, symcal.runs.identification_folder as e; from symcal.cli import main\n"
         "def write(*_): print('writing', flush=True); time.sleep(60)\n"
@@ -211,7 +213,7 @@ def test_a_stopped_run_leaves_the_old_folder(tmp_path, number):
     )
     assert process.stdout is not None
     assert process.stdout.readline() == b"writing\n"
-    assert len([p for p in tmp_path.iterdir() if p.name.startswith(".result-")]) == 1
+    assert len([p for p in tmp_path.iterdir() if p.name.startswith(".result-")]) == 2  # with the lock
     time.sleep(0.1)
     process.send_signal(number)
     _, err = process.communicate(timeout=300)

@@ -16,7 +16,9 @@ from symcal.cli.app import Calibrated, Quiet, Seed
 def compensate(
     calibrated: Calibrated,
     targets: Annotated[Path, typer.Option("--targets", metavar="CSV", help="joint commands, or positions or poses")],
-    out: Annotated[Path, typer.Option("--out", metavar="CSV", help="corrected joint commands")] = Path("joints.csv"),
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="CSV", help="corrected joint commands [joints.csv]")
+    ] = None,
     frame: Annotated[str, typer.Option("--frame", help="frame of positions and poses: base or world")] = "base",
     seed: Seed = None,
     quiet: Quiet = False,
@@ -29,10 +31,10 @@ def compensate(
     from symcal.compensation.targets import read_targets
     from symcal.errors import InputError
     from symcal.export.carries import left_out
+    from symcal.outputs.whole_file import place_of
     from symcal.robot.files import load_robot
-    from symcal.runs.folder import require_place
 
-    require_place(out)
+    place = place_of(out, "joints.csv", (calibrated, targets))
 
     if frame not in ("base", "world"):
         raise InputError("no such frame", key="--frame", found=frame, allowed=("base", "world"))
@@ -47,13 +49,13 @@ def compensate(
             read_targets(targets, robot, "base" if frame == "base" else "world"),
             np.random.default_rng(seed or 0),
         )
-    write_joints(result, out)
+    write_joints(result, place)
     left = left_out(robot, "commands")
     if left is not None:
         Console(stderr=True, soft_wrap=True).print(left.text, markup=False, highlight=False)
     if not quiet:
         terminal.print_compensation(result)
-        terminal.output().print(f"written to {escape(str(out))}")
+        terminal.output().print(f"written to {escape(str(place))}")
 
 
 def export(
@@ -93,19 +95,19 @@ def import_(
     urdf: Annotated[Path, typer.Argument(metavar="ROBOT.urdf", help="URDF file")],
     base: Annotated[str, typer.Option("--base", metavar="LINK", help="base link")],
     tip: Annotated[str, typer.Option("--tip", metavar="LINK", help="tip link")],
-    out: Annotated[Path, typer.Option("--out", metavar="YAML", help="robot file")] = Path("robot.yaml"),
+    out: Annotated[Path | None, typer.Option("--out", metavar="YAML", help="robot file [robot.yaml]")] = None,
 ) -> None:
     """Read a URDF chain as a robot file."""
+    from symcal.outputs.whole_file import place_of
     from symcal.robot.files import save_robot
     from symcal.robot.urdf import load_urdf
-    from symcal.runs.folder import require_place
 
-    require_place(out)
+    place = place_of(out, "robot.yaml", (urdf,))
 
     robot = load_urdf(urdf, base, tip)
-    save_robot(robot, out)
+    save_robot(robot, place)
     terminal.print_robot(robot)
-    terminal.output().print(f"written to {escape(str(out))}")
+    terminal.output().print(f"written to {escape(str(place))}")
 
 
 def schema(

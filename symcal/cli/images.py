@@ -17,7 +17,7 @@ def board(
         str,
         typer.Argument(metavar="BOARD", help="chessboard:9x6:25mm, charuco:12x9:30mm:22mm, aprilgrid:6x6:30mm:9mm, .."),
     ],
-    out: Annotated[Path, typer.Option("--out", metavar="PDF", help="what to print")] = Path("board.pdf"),
+    out: Annotated[Path | None, typer.Option("--out", metavar="PDF", help="what to print [board.pdf]")] = None,
     page: Annotated[
         str | None, typer.Option("--page", metavar="A4..A0|exact", help="[the smallest of A4 to A0 that holds it]")
     ] = None,
@@ -25,17 +25,17 @@ def board(
 ) -> None:
     """Draw a calibration board at true size, to be printed at 100 %."""
     from symcal.camera.board import parse_board
+    from symcal.outputs.whole_file import place_of
     from symcal.runs.board import print_board
-    from symcal.runs.folder import require_place
 
-    require_place(out)
+    place = place_of(out, "board.pdf")
     parsed = parse_board(board)
-    sheet = print_board(parsed, out, page)
+    sheet = print_board(parsed, place, page)
     if not quiet:
         console = terminal.output()
         console.print(f"{escape(str(parsed))} on {sheet.page} ({sheet.width:.0f} x {sheet.height:.0f} mm)")
         console.print("print at 100 %, measure the bar of 100 mm, and use this text as --board")
-        console.print(f"written to {escape(str(out))}")
+        console.print(f"written to {escape(str(place))}")
 
 
 def camera(
@@ -69,19 +69,20 @@ def camera(
     keep_all: Annotated[
         bool, typer.Option("--keep-all", help="use views with large errors too, as --points always does")
     ] = False,
-    out: Annotated[Path, typer.Option("--out", metavar="YAML", help="camera file; its page is a PDF beside it")] = Path(
-        "camera.yaml"
-    ),
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="YAML", help="camera file; its page is a PDF beside it [camera.yaml]"),
+    ] = None,
     bowed: Annotated[bool, typer.Option("--bowed", help="estimate the board's shape too (slow)")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Calibrate a camera from images of a board or a list of corners, and judge the calibration."""
     from symcal.camera.board import parse_board
     from symcal.errors import InputError
+    from symcal.outputs.whole_file import place_of
     from symcal.runs.camera import calibrate_from_corners, calibrate_from_images, camera_content
-    from symcal.runs.folder import require_place
 
-    require_place(out)
+    place = place_of(out, "camera.yaml", (*(images or ()), *(() if points is None else (points,))))
     if (points is None) != bool(images):
         both = ", not both" if images else ""
         raise InputError(f"give images of a board, or a list of corners as --points{both}")
@@ -99,7 +100,7 @@ def camera(
             done = calibrate_from_images(
                 images or [],
                 parse_board(board or ""),
-                out,
+                place,
                 fix=fix or "auto",
                 skew=skew,
                 keep_all=keep_all,
@@ -108,7 +109,7 @@ def camera(
             )
         else:
             done = calibrate_from_corners(
-                points, _size(size or ""), out, fix=fix or "none", skew=skew, progress=progress
+                points, _size(size or ""), place, fix=fix or "none", skew=skew, progress=progress
             )
     if not quiet:
         terminal.print_camera(camera_content(done.calibration, done.verdict))
@@ -148,14 +149,15 @@ def measure(
     scene: Annotated[
         Path | None, typer.Option("--scene", metavar="YAML", help="where the camera roughly is [found from the images]")
     ] = None,
-    out: Annotated[Path, typer.Option("--out", metavar="CSV", help="measurements")] = Path("measurements.csv"),
+    out: Annotated[Path | None, typer.Option("--out", metavar="CSV", help="measurements [measurements.csv]")] = None,
     quiet: Quiet = False,
 ) -> None:
     """Measure a target or a printed board in images, on the robot's tool or seen by a camera there."""
-    from symcal.runs.folder import require_place
+    from symcal.outputs.whole_file import place_of
     from symcal.runs.measure import measure_files
 
-    require_place(out)
+    others = tuple(path for path in (target, scene) if path is not None)
+    place = place_of(out, "measurements.csv", (*images, camera_file, joints, robot, *others))
     with terminal.spinner(quiet) as progress:
         found = measure_files(
             images,
@@ -165,9 +167,9 @@ def measure(
             joints=joints,
             robot=robot,
             scene=scene,
-            out=out,
+            out=place,
             progress=progress,
         )
     if not quiet:
         terminal.print_measured(found)
-        terminal.output().print(f"written to {escape(str(out))}")
+        terminal.output().print(f"written to {escape(str(place))}")

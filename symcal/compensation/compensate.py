@@ -26,10 +26,11 @@ from symcal import spatial
 from symcal.compensation.caps import CAPS as CAPS
 from symcal.compensation.caps import joint_caps as joint_caps
 from symcal.compensation.targets import POSE_JOINTS, Targets, base_chain, base_frames, joint_columns
-from symcal.errors import InputError, RefusedError
+from symcal.errors import RefusedError
 from symcal.kernels.batch import BatchFunction, batch_function
 from symcal.kinematics import chain, function, omegas, stack
 from symcal.model.parameter_set import parameter_set
+from symcal.outputs.whole_file import write_whole
 from symcal.robot.robot import Robot
 
 SX = ca.SX
@@ -95,10 +96,7 @@ def write_joints(result: Compensation, path: Path | str) -> None:
     Raises:
         InputError: the file cannot be written.
     """
-    try:
-        result.table().to_csv(path, index=False)
-    except OSError as error:
-        raise InputError(f"the file cannot be written: {error.strerror or error}", file=path) from None
+    write_whole(path, result.table().to_csv(index=False))
 
 
 def compensation_step(

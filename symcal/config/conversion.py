@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -100,23 +101,38 @@ def resolved(file: ExperimentFile, document: Document, folder: Path) -> dict[str
     """
     data: dict[str, Any] = file.model_dump(mode="json", by_alias=True, exclude_none=True)
     for path in _PATHS:
-        _relative(data, path, (), document, folder)
+        _each_path(data, path, (), lambda text, key: _seen_from(folder, text, key, document))
     return data
 
 
-def _relative(node: Any, path: tuple[str, ...], at: Key, document: Document, folder: Path) -> None:
-    """Paths under a key, `*` standing for every key, as the folder sees them."""
+def named_paths(file: ExperimentFile, document: Document) -> tuple[Path, ...]:
+    """Every file and folder that an experiment names, there or not; none whose environment variable is not set."""
+    data: dict[str, Any] = file.model_dump(mode="json", by_alias=True, exclude_none=True)
+    found: list[Path] = []
+
+    def note(path: str, key: Key) -> str:
+        with contextlib.suppress(InputError):
+            found.append(document.resolve(path, key))
+        return path
+
+    for path in _PATHS:
+        _each_path(data, path, (), note)
+    return tuple(dict.fromkeys(found))
+
+
+def _each_path(node: Any, path: tuple[str, ...], at: Key, become: Callable[[str, Key], str]) -> None:
+    """Let every path under a key, `*` standing for every key, become another text."""
     if not isinstance(node, dict):
         return
     first, *rest = path
     for name in list(node) if first == "*" else [first] if first in node else []:
-        value = node[name]
+        value, key = node[name], (*at, name)
         if rest:
-            _relative(value, tuple(rest), (*at, name), document, folder)
+            _each_path(value, tuple(rest), key, become)
         elif isinstance(value, list):
-            node[name] = [_seen_from(folder, each, (*at, name), document) for each in value]
+            node[name] = [become(each, key) for each in value]
         elif isinstance(value, str):
-            node[name] = _seen_from(folder, value, (*at, name), document)
+            node[name] = become(value, key)
 
 
 def _seen_from(folder: Path, path: str, key: Key, document: Document) -> str:

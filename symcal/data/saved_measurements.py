@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 
 from symcal.data.conditions import written_conditions
 from symcal.data.dataset import Dataset
+from symcal.outputs.whole_file import write_whole
 from symcal.robot.robot import Robot
 
 
@@ -18,6 +20,8 @@ def save_measurements(data: Dataset, robot: Robot, path: Path | str, head_lines:
 
     Args:
         head_lines: what stands before the table, a comment each.
+    Raises:
+        InputError: the file cannot be written.
     """
     units = ["deg" if joint.revolute else "mm" for joint in robot.joints]
     head = ["pose", *(f"q{i}_{unit}" for i, unit in enumerate(units, start=1))]
@@ -39,11 +43,12 @@ def save_measurements(data: Dataset, robot: Robot, path: Path | str, head_lines:
                 rows.append([data.labels[i], *q[i], *given, *([name] if named else []), *cells, data.split[i]])
     if data.sigma is not None:
         head += [f"{name}_{quantity.unit}" for quantity in kind.quantities for name in quantity.sigma_columns]
-    with Path(path).open("w", newline="", encoding="utf-8") as file:
-        file.writelines(f"# {' '.join(line.split())}\n" for line in head_lines)
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow([*head, "split"])
-        writer.writerows([[_cell(c) for c in row] for row in rows])
+    text = StringIO()
+    text.writelines(f"# {' '.join(line.split())}\n" for line in head_lines)
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*head, "split"])
+    writer.writerows([[_cell(c) for c in row] for row in rows])
+    write_whole(path, text.getvalue())
 
 
 def _cell(value: object) -> object:

@@ -19,6 +19,7 @@ from pydantic_core import ErrorDetails
 from symcal.documents.read import CONTROL, DOCUMENT_LIMIT, read_text
 from symcal.documents.yaml_dialect import TAG, Dumper, compose
 from symcal.errors import InputError
+from symcal.outputs.whole_file import write_whole
 
 Key = tuple[str | int, ...]
 
@@ -302,7 +303,14 @@ def _leaves(annotation: Any) -> list[Any]:
 
 
 def write_document(path: Path | str, data: Mapping[str, Any]) -> None:
-    """Write a YAML mapping that `read_document` reads back to the same numbers."""
-    Path(path).write_text(
-        yaml.dump(dict(data), Dumper=Dumper, sort_keys=False, allow_unicode=True, width=120), encoding="utf-8"
-    )
+    """Write a YAML mapping that `read_document` reads back to the same numbers.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    write_whole(path, document_text(data))
+
+
+def document_text(data: Mapping[str, Any]) -> str:
+    """A mapping as YAML that `read_document` reads back to the same numbers."""
+    return yaml.dump(dict(data), Dumper=Dumper, sort_keys=False, allow_unicode=True, width=120)

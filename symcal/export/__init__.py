@@ -12,8 +12,9 @@ from symcal.export.c import export_c
 from symcal.export.carries import LeftOut, check_carries, left_out, refuse_remainder
 from symcal.export.corrections import corrections
 from symcal.export.gate import check_exportable, doubts
-from symcal.export.json import robot_json, save_json
+from symcal.export.json import json_text, robot_json, save_json
 from symcal.export.urdf import save_urdf
+from symcal.outputs.whole_file import require_own, write_all_whole
 from symcal.robot.robot import Robot
 
 FORMATS = ("c", "urdf", "json")
@@ -50,8 +51,9 @@ def export_robot(robot: Robot, to: str, folder: Path, *, force: bool = False, ap
 
     Raises:
         RefusedError: a calibration that was refused or never judged, unless forced; joint terms that the format cannot
-            carry, unless they may be left out; a smooth remainder.
-        InputError: the files cannot be written.
+            carry, unless they may be left out; a smooth remainder; a file of these names that no export wrote: it is
+            somebody's.
+        InputError: the files cannot be written. Two that belong together are both written, or none.
     """
     overridden = check_exportable(robot, force)
     refuse_remainder(robot, {"c": "the C code", "urdf": "URDF", "json": "JSON"}[to])
@@ -59,15 +61,20 @@ def export_robot(robot: Robot, to: str, folder: Path, *, force: bool = False, ap
         check_carries(robot, "urdf")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"the folder cannot be made: {error.strerror}", file=folder) from None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"the folder cannot be made: {reason}", file=folder) from None
     if to == "c":
         written, left = [folder / "c"], export_c(robot, folder / "c", force=True).left_out
     elif to == "urdf":
         written = [folder / "robot.urdf"]
+        require_own(written[0], b"kinematics written by symcal")
         left = save_urdf(robot, written[0], approximate=approximate, force=True)
     else:
-        save_json(robot, folder / "robot.json", force=True)
-        corrections(robot).to_csv(folder / "corrections.csv", index=False)
-        written, left = [folder / "robot.json", folder / "corrections.csv"], left_out(robot, "table")
+        written = [folder / "robot.json", folder / "corrections.csv"]
+        table = corrections(robot)
+        require_own(written[0], b'"schema": "symcal/robot-json/')
+        require_own(written[1], ",".join(table.columns).encode())
+        write_all_whole({written[0]: json_text(robot), written[1]: table.to_csv(index=False)})
+        left = left_out(robot, "table")
     return Exported(written, overridden, left)

@@ -9,12 +9,12 @@ from typing import Any
 
 import pandas as pd
 
-from symcal.errors import InputError
 from symcal.export.carries import check_carries, left_out
 from symcal.export.corrections import corrections
 from symcal.export.gate import check_exportable
 from symcal.joints import Term
 from symcal.joints.payload import PAYLOAD
+from symcal.outputs.whole_file import write_whole
 from symcal.robot.files import frame_entry
 from symcal.robot.robot import Joint, Robot
 
@@ -74,7 +74,7 @@ def robot_json(robot: Robot) -> dict[str, Any]:
 
 
 def save_json(robot: Robot, path: Path | str, *, force: bool = False) -> None:
-    """Write `robot_json`.
+    """Write `json_text`.
 
     Args:
         force: whether also a calibration that was refused or never judged (`symcal.export.gate`).
@@ -82,12 +82,17 @@ def save_json(robot: Robot, path: Path | str, *, force: bool = False) -> None:
         InputError: the file cannot be written. RefusedError: the calibration was refused; the robot has a remainder.
     """
     check_exportable(robot, force)
+    write_whole(path, json_text(robot))
+
+
+def json_text(robot: Robot) -> str:
+    """`robot_json` as text.
+
+    Raises:
+        RefusedError: the robot has a remainder.
+    """
     check_carries(robot, "json")
-    text = json.dumps(robot_json(robot), indent=2, ensure_ascii=False, allow_nan=False, default=str)
-    try:
-        Path(path).write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"the file cannot be written: {error.strerror}", file=path) from None
+    return json.dumps(robot_json(robot), indent=2, ensure_ascii=False, allow_nan=False, default=str) + "\n"
 
 
 def _joint(joint: Joint) -> dict[str, Any]:

@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.errors import InputError, RefusedError
+from symcal.errors import RefusedError
 from symcal.export.carries import LeftOut, check_carries
 from symcal.export.gate import check_exportable
+from symcal.outputs.whole_file import write_whole
 from symcal.robot.conventions import placements
 from symcal.robot.robot import Joint, Robot
 
@@ -37,10 +38,7 @@ def save_urdf(
     check_exportable(robot, force)
     left = check_carries(robot, "urdf", approximate)
     text = _text_of(robot if left is None else left.robot, left, world)
-    try:
-        Path(path).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"the file cannot be written: {error.strerror}", file=path) from None
+    write_whole(path, text)
     return left
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from symcal.camera.files import write_camera
 from symcal.images.examples import Example
+from symcal.outputs.names import file_names
 from symcal.vision.calibrate import CameraCalibration
 from symcal.vision.images import write_image
 
@@ -16,5 +17,6 @@ def write_images(calibration: CameraCalibration, examples: Sequence[Example], fo
     write_camera(folder / "camera.yaml", calibration.camera, {"views": len(calibration.used)})
     if examples:
         (folder / "images").mkdir()
+    names = file_names(example.name for example in examples)
     for example in examples:
-        write_image(folder / "images" / f"{'_'.join(example.name.split())}.png", example.image)
+        write_image(folder / "images" / f"{names[example.name]}.png", example.image)

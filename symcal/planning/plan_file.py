@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from symcal.documents.table import joint_readings, read_table
 from symcal.errors import InputError
+from symcal.outputs.whole_file import write_whole
 from symcal.planning.path import Path as Motion
 from symcal.robot.robot import Robot
 
@@ -105,10 +107,8 @@ def _cells(robot: Robot, q: Array) -> list[str]:
 
 
 def _write(path: Path, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    try:
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(header)
-            writer.writerows(rows)
-    except OSError as error:
-        raise InputError(f"the file cannot be written: {error.strerror}", file=path) from None
+    text = StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    write_whole(path, text.getvalue())

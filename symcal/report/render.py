@@ -13,6 +13,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from symcal.errors import InputError
+from symcal.outputs.whole_file import write_whole
 from symcal.report.camera import camera_text
 from symcal.report.identification import identification_text
 from symcal.report.plan import plan_text
@@ -42,40 +43,54 @@ def write_report(
     Raises:
         InputError: the file cannot be written.
     """
-    render(TEXTS[kind](content), pictures, path, _TEMPLATES.joinpath(f"{kind}.typ"))
+    write_whole(path, report_pdf(content, pictures, kind))
 
 
-def render(text: Mapping[str, Any], pictures: Sequence[Picture], path: Path | str, template: Traversable) -> None:
-    """Write a report from its text and its own template, beside which the common ones stand.
+def report_pdf(content: Mapping[str, Any], pictures: Sequence[Picture], kind: str) -> bytes:
+    """The report of a results dictionary (results.json) as PDF.
+
+    Raises:
+        InputError: as `rendered`.
+    """
+    return rendered(TEXTS[kind](content), pictures, _TEMPLATES.joinpath(f"{kind}.typ"))
+
+
+def rendered(text: Mapping[str, Any], pictures: Sequence[Picture], template: Traversable) -> bytes:
+    """A report as PDF from its text and its own template, beside which the common ones stand.
 
     Names and texts reach the template as data and are never read as markup.
 
     Raises:
-        InputError: the file cannot be written.
+        InputError: the folder of temporary files cannot be used.
     """
+    try:
+        with TemporaryDirectory(prefix="symcal-report-") as name:
+            return _compiled(text, pictures, template, Path(name))
+    except OSError as error:
+        raise InputError(
+            f"the report cannot be made, because temporary files cannot be written: {error.strerror or error}",
+            file=error.filename,
+        ) from None
+
+
+def _compiled(text: Mapping[str, Any], pictures: Sequence[Picture], template: Traversable, folder: Path) -> bytes:
     import typst
 
-    with TemporaryDirectory(prefix="symcal-report-") as name:
-        folder = Path(name)
-        for part in (*_TEMPLATES.iterdir(), template):
-            if part.name.endswith(".typ"):
-                (folder / part.name).write_text(part.read_text(encoding="utf-8"), encoding="utf-8")
-        placed = []
-        for i, picture in enumerate(pictures):
-            shutil.copyfile(picture.file, folder / f"figure{i}.pdf")
-            placed.append(
-                {
-                    "file": f"figure{i}.pdf",
-                    "name": picture.name,
-                    "width": picture.width_mm,
-                    "title": picture.title,
-                    "caption": picture.caption,
-                }
-            )
-        data = {"text": text, "pictures": placed}
-        (folder / "data.json").write_text(json.dumps(data, allow_nan=False), encoding="utf-8")
-        pdf = typst.compile(folder / template.name, root=folder)
-    try:
-        Path(path).write_bytes(pdf)
-    except OSError as error:
-        raise InputError(f"the report cannot be written: {error.strerror}", file=path) from None
+    for part in (*_TEMPLATES.iterdir(), template):
+        if part.name.endswith(".typ"):
+            (folder / part.name).write_text(part.read_text(encoding="utf-8"), encoding="utf-8")
+    placed = []
+    for i, picture in enumerate(pictures):
+        shutil.copyfile(picture.file, folder / f"figure{i}.pdf")
+        placed.append(
+            {
+                "file": f"figure{i}.pdf",
+                "name": picture.name,
+                "width": picture.width_mm,
+                "title": picture.title,
+                "caption": picture.caption,
+            }
+        )
+    data = {"text": text, "pictures": placed}
+    (folder / "data.json").write_text(json.dumps(data, allow_nan=False), encoding="utf-8")
+    return bytes(typst.compile(folder / template.name, root=folder))

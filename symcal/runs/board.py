@@ -6,7 +6,7 @@ from io import BytesIO
 from pathlib import Path
 
 from symcal.camera.board import Board
-from symcal.errors import InputError
+from symcal.outputs.whole_file import write_whole
 from symcal.plots.board import BoardSheet, board_sheet
 from symcal.plots.style import print_settings
 
@@ -21,8 +21,5 @@ def print_board(board: Board, out: Path, page: str | None = None) -> BoardSheet:
     content = BytesIO()
     with print_settings():
         sheet.figure.savefig(content, format="pdf", metadata={"Title": str(board), "CreationDate": None})
-    try:
-        out.write_bytes(content.getvalue())
-    except OSError as error:
-        raise InputError(f"the board cannot be written: {error.strerror}", file=out) from None
+    write_whole(out, content.getvalue())
     return sheet

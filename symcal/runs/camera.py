@@ -14,8 +14,10 @@ import numpy as np
 
 from symcal.camera.board import Board
 from symcal.camera.camera import NUMBER_NAMES
-from symcal.camera.files import write_camera
+from symcal.camera.files import camera_to_dict
+from symcal.documents.document import document_text
 from symcal.errors import InputError
+from symcal.outputs.whole_file import require_own, write_all_whole
 from symcal.vision.board import detect_boards
 from symcal.vision.calibrate import CameraCalibration, calibrate_camera
 from symcal.vision.camera_fit import K3_SIGMAS
@@ -75,6 +77,7 @@ def calibrate_from_images(
         RefusedError: too few views, or views that do not determine the camera; with the reasons for every image.
         InputError: an unknown term to hold, or no images.
     """
+    _page(out)
     fixed_terms(fix)
     files = image_files(images)
     progress(f"looking for the board in {len(files)} images")
@@ -101,6 +104,7 @@ def calibrate_from_corners(
         RefusedError: too few views, or views that do not determine the camera; with the reasons for those left out.
         InputError: as `load_corners` says, or an unknown term to hold.
     """
+    _page(out)
     fixed_terms(fix)
     corners = load_corners(points, size)
     progress(f"calibrating from {len(corners.views)} views")
@@ -110,7 +114,7 @@ def calibrate_from_corners(
 def _written(calibration: CameraCalibration, out: Path, progress: Callable[[str], None]) -> CameraRun:
     from symcal.plots.camera import camera_figures
     from symcal.plots.save import save_figures
-    from symcal.report import write_report
+    from symcal.report.render import report_pdf
 
     verdict = judge(calibration)
     provenance = {
@@ -123,13 +127,30 @@ def _written(calibration: CameraCalibration, out: Path, progress: Callable[[str]
         "free": list(calibration.free),
         "grade": verdict.grade,
     }
-    write_camera(out, calibration.camera, provenance)
     progress("writing the page")
-    page = out.with_suffix(".pdf")
-    with TemporaryDirectory(prefix="symcal-camera-") as folder:
-        pictures = save_figures(camera_figures(calibration), folder)
-        write_report(camera_content(calibration, verdict), pictures, page, "camera")
+    page = _page(out)
+    try:
+        with TemporaryDirectory(prefix="symcal-camera-") as folder:
+            pictures = save_figures(camera_figures(calibration), folder)
+            pdf = report_pdf(camera_content(calibration, verdict), pictures, "camera")
+    except OSError as error:
+        message = f"the page cannot be made, because temporary files cannot be written: {error.strerror or error}"
+        raise InputError(message, file=error.filename) from None
+    write_all_whole({out: document_text(camera_to_dict(calibration.camera, provenance)), page: pdf})
     return CameraRun(calibration, verdict, (out, page))
+
+
+def _page(out: Path) -> Path:
+    """The page that judges a camera file: beside it, of the same name.
+
+    Raises:
+        InputError: the camera file has the page's own name. RefusedError: a PDF stands there that is somebody's.
+    """
+    page = out.with_suffix(".pdf")
+    if page == out:
+        raise InputError("a camera file is YAML, and its page takes this name: name it .yaml", key="--out", found=out)
+    require_own(page, b"Author(symcal ")
+    return page
 
 
 def camera_content(calibration: CameraCalibration, verdict: Verdict) -> dict[str, Any]:

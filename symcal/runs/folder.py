@@ -1,115 +1,87 @@
-"""A run's folder.
-
-Written beside its place and moved there when whole, so that an interrupted run leaves the old one untouched.
-"""
+"""A run's folder: whole or as it was, and replaced only where a run made everything in it."""
 
 from __future__ import annotations
 
 import json
 import os
-import shutil
-import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from symcal.errors import InputError, RefusedError
+from symcal.outputs.manifest import MANIFEST, foreign_files, has_manifest, write_manifest
+from symcal.outputs.whole_file import write_whole
+from symcal.outputs.whole_folder import absolute, recover, whole_folder
 
-CONTENT = frozenset(
-    {
-        "results.json",
-        "report.pdf",
-        "figures",
-        "tables",
-        "calibrated.yaml",
-        "plan.csv",
-        "measurements.csv",
-        "measurements",
-        "experiment.resolved.yaml",
-        "c",
-        "images",
-        "camera.yaml",
-    }
-)
-"""Names that a run's folder may hold. A folder with anything else is not replaced: it is somebody's."""
+_NAMED = 3  # files in a message
 
 
-def require_place(file: Path) -> None:
-    """Refuse early, before the work is done, a file that could not be written.
-
-    Raises:
-        InputError: its folder is not there, or the name is a folder's.
-    """
-    if file.is_dir():
-        raise InputError("this is a folder: name a file", key="--out", found=file)
-    if not file.absolute().parent.is_dir():
-        raise InputError("the folder of this file is not there: make it first", key="--out", found=file)
-
-
-def require_replaceable(target: Path) -> None:
+def require_replaceable(target: Path, inputs: Iterable[Path] = ()) -> None:
     """Refuse early, before the work is done, what `run_folder` would not replace.
 
+    What killed runs left beside the target is mended first.
+
+    Args:
+        inputs: files and folders that the run reads.
     Raises:
-        RefusedError: the target is a file, a link, or a folder that holds more than a run's output.
+        RefusedError: the target is a file or a link, holds an input, or holds a file that no run made or that was
+            changed since: by its manifest.json. A folder without one (of an earlier version, or somebody's) is refused
+            unless it is empty.
         InputError: the target cannot be read.
     """
-    target = target.absolute()
-    if target.is_symlink() or (target.exists() and not target.is_dir()):
+    where = absolute(target)
+    if where.is_symlink() or (where.exists() and not where.is_dir()):
         raise RefusedError(f"{target} is not a folder: nothing was written; choose another --out")
-    try:
-        strangers = sorted({p.name for p in target.iterdir()} - CONTENT) if target.is_dir() else []
-    except OSError as error:
-        raise InputError(f"the output folder cannot be read: {error.strerror}", file=target) from None
-    if strangers:
-        shown = ", ".join(strangers[:3]) + (", ..." if len(strangers) > 3 else "")
-        raise RefusedError(
-            f"{target} holds files that no run writes ({shown}): it is not replaced; choose another --out"
-        )
+    for folder in (where, *where.parents):
+        if folder.exists():
+            if not os.access(folder, os.W_OK | os.X_OK):
+                raise InputError("the output folder cannot be written: Permission denied", file=target)
+            if folder != where:
+                break
+    recover(where)
+    for path in inputs:
+        if any(own.is_relative_to(where) for own in (path.absolute(), path.resolve())):
+            raise RefusedError(
+                f"{path} is read by this run and lies in {target}: it would be lost; choose another --out"
+            )
+    _refuse_foreign(where, target)
 
 
 @contextmanager
-def run_folder(target: Path) -> Iterator[Path]:
+def run_folder(target: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
     """A fresh folder to write into; it becomes ``target`` when the block ends well, and vanishes when it does not.
 
+    Its manifest.json lists what was written. See `symcal.outputs.whole_folder`.
+
     Raises:
-        RefusedError: the target is a file, or a folder that holds more than a run's output.
-        InputError: the folder cannot be written.
+        RefusedError, InputError: as `require_replaceable`; the folder cannot be written.
     """
-    require_replaceable(target)
-    target = target.absolute()
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        fresh = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
-    except OSError as error:
-        raise InputError(f"the output folder cannot be written: {error.strerror}", file=target) from None
-    try:
-        yield fresh
-        fresh.chmod(0o755)
-        _swap(fresh, target)
-    except OSError as error:
-        message = f"the output folder cannot be written: {error.strerror or error}; what was there before is untouched"
-        raise InputError(message, file=target) from error
-    finally:
-        shutil.rmtree(fresh, ignore_errors=True)
+    require_replaceable(target, inputs)
+    with whole_folder(target, lambda folder: _refuse_foreign(folder, target), write_manifest) as folder:
+        yield folder
 
 
-def _swap(fresh: Path, target: Path) -> None:
-    if not target.exists():
-        fresh.rename(target)
+def _refuse_foreign(folder: Path, shown: Path) -> None:
+    """Refuse what no run made, or what was changed since; an empty folder is nobody's."""
+    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+        raise RefusedError(f"{shown} is not a folder: nothing was written; choose another --out")
+    try:
+        foreign = foreign_files(folder)
+        known = not foreign or has_manifest(folder)
+    except OSError as error:
+        raise InputError(f"the output folder cannot be used: {error.strerror}", file=shown) from None
+    if not foreign:
         return
-    aside = Path(tempfile.mkdtemp(prefix=f".{target.name}-old-", dir=target.parent))
-    old = aside / "old"
-    try:
-        target.rename(old)
-        fresh.rename(target)
-    finally:  # also after an interrupt between the two
-        if old.exists() and not target.exists():
-            old.rename(target)
-        shutil.rmtree(aside, ignore_errors=True)
+    names = ", ".join(foreign[:_NAMED]) + (", ..." if len(foreign) > _NAMED else "")
+    why = "that no run made or that were changed since" if known else f"and no {MANIFEST} that says a run made them"
+    raise RefusedError(f"{shown} holds files {why} ({names}): it is not replaced; choose another --out")
 
 
 def write_json(path: Path, data: Mapping[str, Any]) -> None:
-    """Write JSON without NaN or infinity, which JSON does not have."""
-    text = json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False)
-    path.write_text(text + os.linesep, encoding="utf-8")
+    """Write JSON without NaN or infinity, which JSON does not have.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    write_whole(path, json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n")

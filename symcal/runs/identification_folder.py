@@ -14,13 +14,15 @@ from symcal.documents.document import write_document
 from symcal.images.entries import measured_head
 from symcal.images.files import write_images
 from symcal.model.contact import constraints, touched_names
+from symcal.outputs.names import file_names
+from symcal.outputs.whole_file import write_whole
 from symcal.planning.plan_file import write_plan
 from symcal.robot.files import save_robot
 from symcal.robot.robot import Robot
 from symcal.runs.code import with_code
 from symcal.runs.experiment import Outcome, Progress, identify_experiment
-from symcal.runs.folder import run_folder, write_json
-from symcal.runs.load import Experiment
+from symcal.runs.folder import require_replaceable, run_folder, write_json
+from symcal.runs.load import Experiment, named_files
 from symcal.runs.tables import tables
 
 
@@ -28,8 +30,10 @@ def write_identification(
     experiment: Experiment, target: Path, *, data: Path | None = None, progress: Progress = lambda _: None
 ) -> Mapping[str, Any]:
     """Measure (or read), identify, evaluate, and write the run's folder; the content of its results.json."""
+    inputs = named_files(experiment, data)
+    require_replaceable(target, inputs)
     outcome = identify_experiment(experiment, data=data, progress=progress)
-    with run_folder(target) as folder:
+    with run_folder(target, inputs) as folder:
         outcome = write(outcome, folder, progress)
     return outcome.content
 
@@ -56,7 +60,7 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
     write_document(folder / "experiment.resolved.yaml", resolved | {"seed": experiment.seed})
     (folder / "tables").mkdir()
     for name, table in tables(outcome.content, calibration, outcome.data, outcome.errors).items():
-        table.to_csv(folder / "tables" / f"{name}.csv", index=False)
+        write_whole(folder / "tables" / f"{name}.csv", table.to_csv(index=False))
     if outcome.images is not None and outcome.images.images is not None:
         write_images(outcome.images.images.camera, outcome.images.images.examples, folder)
     if outcome.rendered is not None:
@@ -103,8 +107,9 @@ def _save_measurements(outcome: Outcome, folder: Path) -> None:
         save_measurements(data, robot, folder / "measurements.csv", heads.get(data.only.name, ()))
         return
     (folder / "measurements").mkdir()
+    names = file_names(each.name for each in data.of)
     for each in data.of:
-        file = folder / "measurements" / f"{each.name}.csv"
+        file = folder / "measurements" / f"{names[each.name]}.csv"
         save_measurements(data.read_by(each.name), robot, file, heads.get(each.name, ()))
 
 

@@ -40,3 +40,9 @@ def load(path: Path, *, seed: int | None = None, overrides: Sequence[str] = ()) 
     model = build_model(robot, config.task_of(file, document, robot))
     options = config.options_of(file, model.measurement)
     return Experiment(file, document, robot_path, robot, model, options, file.seed if seed is None else seed)
+
+
+def named_files(experiment: Experiment, data: Path | None = None) -> tuple[Path, ...]:
+    """The files and folders that a run reads: the experiment, whatever it names, and data given instead of its own."""
+    named = config.named_paths(experiment.file, experiment.document)
+    return (experiment.document.path, experiment.robot_path, *named, *([] if data is None else [data]))

@@ -14,6 +14,8 @@ from symcal.calibration.extend import planned_model
 from symcal.config import conversion as config
 from symcal.documents.document import write_document
 from symcal.documents.table import read_table
+from symcal.outputs.names import file_name
+from symcal.outputs.whole_file import write_whole
 from symcal.planning.plan_file import write_plan, write_waypoints
 from symcal.planning.plan_study import PlanStudy, find
 from symcal.planning.results import (
@@ -26,8 +28,8 @@ from symcal.planning.results import (
     promise_facts,
     region_words,
 )
-from symcal.runs.folder import run_folder, write_json
-from symcal.runs.load import Experiment, load
+from symcal.runs.folder import require_replaceable, run_folder, write_json
+from symcal.runs.load import Experiment, load, named_files
 
 Progress = Callable[[str], None]
 
@@ -55,9 +57,10 @@ def run_plan(
         the folder, and the content of its results.json.
     """
     experiment = load(path, seed=seed, overrides=overrides)
+    target, inputs = out or Path("reports") / f"{file_name(experiment.file.name)}-plan", named_files(experiment)
+    require_replaceable(target, inputs)
     outcome = plan_experiment(experiment, progress)
-    target = out or Path("reports") / f"{experiment.file.name}-plan"
-    with run_folder(target) as folder:
+    with run_folder(target, inputs) as folder:
         write(outcome, folder, progress)
     return target, outcome.content
 
@@ -117,7 +120,7 @@ def write(outcome: PlanOutcome, folder: Path, progress: Progress) -> None:
     tool = problem.arm.motion(poses)[0]
     errors = found.accuracy.at(poses, problem.info.posterior(poses))
     for name, table in plan_tables(experiment.robot, planned, outcome.content, tool, errors, touches).items():
-        table.to_csv(folder / "tables" / f"{name}.csv", index=False)
+        write_whole(folder / "tables" / f"{name}.csv", table.to_csv(index=False))
     if planned.timed:
         write_waypoints(folder / "tables" / "waypoints.csv", experiment.robot, planned.motion)
     if problem.candidates is not None:
@@ -143,4 +146,4 @@ def _write_choice(outcome: PlanOutcome, path: Path) -> None:
     names = table.text("pose") if "pose" in table.columns else [str(i + 1) for i in range(len(table))]
     chosen = set(outcome.findings.planned.names)
     frame["split"] = ["train" if name in chosen else "test" for name in names]
-    frame.to_csv(path, index=False)
+    write_whole(path, frame.to_csv(index=False))

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from symcal.runs.folder import require_replaceable
+from symcal.outputs.names import file_name
 from symcal.runs.identification_folder import write_identification
 from symcal.runs.load import load
 from symcal.runs.study import write_study
@@ -32,8 +32,7 @@ def run(
         the folder, and the content of its results.json.
     """
     experiment = load(path, seed=seed, overrides=overrides)
-    target = out or Path("reports") / experiment.file.name
-    require_replaceable(target)
+    target = out or Path("reports") / file_name(experiment.file.name)
     if experiment.file.study is not None and study:
         return target, write_study(experiment, target, progress)
     return target, write_identification(experiment, target, data=data, progress=progress)

@@ -19,6 +19,7 @@ from symcal.data.saved_measurements import save_measurements
 from symcal.documents.document import write_document
 from symcal.export.corrections import corrections
 from symcal.export.results import correction_facts, handover_facts
+from symcal.outputs.whole_file import write_whole
 from symcal.paper.content import study_content
 from symcal.paper.results import Study
 from symcal.paper.study import run_study
@@ -28,8 +29,8 @@ from symcal.planning.plan_file import write_plan, write_waypoints
 from symcal.robot.files import save_robot
 from symcal.robot.robot import Robot
 from symcal.runs.code import with_code
-from symcal.runs.folder import run_folder, write_json
-from symcal.runs.load import Experiment
+from symcal.runs.folder import require_replaceable, run_folder, write_json
+from symcal.runs.load import Experiment, named_files
 
 Progress = Callable[[str], None]
 
@@ -91,8 +92,10 @@ def _handover(study: Study, seed: int) -> Handover:
 
 def write_study(experiment: Experiment, target: Path, progress: Progress = lambda _: None) -> Mapping[str, Any]:
     """Run the study and write its folder; the content of its results.json."""
+    inputs = named_files(experiment)
+    require_replaceable(target, inputs)
     outcome = study_experiment(experiment, progress)
-    with run_folder(target) as folder:
+    with run_folder(target, inputs) as folder:
         outcome = write(outcome, folder, progress)
     return outcome.content
 
@@ -118,8 +121,8 @@ def write(outcome: StudyOutcome, folder: Path, progress: Progress = lambda _: No
     write_document(folder / "experiment.resolved.yaml", resolved | {"seed": experiment.seed})
     tables.mkdir()
     for name, table in study_tables(study).items():
-        table.to_csv(tables / f"{name}.csv", index=False)
-    corrections(calibrated).to_csv(tables / "corrections.csv", index=False)
+        write_whole(tables / f"{name}.csv", table.to_csv(index=False))
+    write_whole(tables / "corrections.csv", corrections(calibrated).to_csv(index=False))
     for name, plan in study.plans.items():
         write_plan(tables / f"plan_{name}.csv", robot, plan.poses, plan.motion)
         write_waypoints(tables / f"waypoints_{name}.csv", robot, plan.motion)

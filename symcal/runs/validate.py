@@ -25,9 +25,10 @@ from symcal.fit.estimation import Options
 from symcal.model.model import Model, State, build_model
 from symcal.model.observation import Observation
 from symcal.model.task import Task
+from symcal.outputs.whole_file import write_whole
 from symcal.robot.files import load_robot
 from symcal.robot.robot import Robot
-from symcal.runs.folder import run_folder, write_json
+from symcal.runs.folder import require_replaceable, run_folder, write_json
 from symcal.runs.halves import with_second
 
 
@@ -57,6 +58,8 @@ def validate_robot(
     Raises:
         InputError: a robot that was never calibrated, unreadable data, or parts that cannot be fitted.
     """
+    if out is not None:
+        require_replaceable(out, (calibrated, data))
     robot = load_robot(calibrated)
     if robot.record is None:
         message = "this robot has no 'calibration': validate takes the calibrated.yaml of a run"
@@ -100,10 +103,10 @@ def validate_robot(
     before = _of_these(recorded_task(robot.record.provenance, "before", calibrated), instrument, names, sessions)
     with_second(content, robot, before, new, refit, sessions, judged["after"].setup)
     if out is not None:
-        with run_folder(out) as folder:
+        with run_folder(out, (calibrated, data)) as folder:
             write_json(folder / "results.json", content)
             (folder / "tables").mkdir()
-            _table(errors, new.labels).to_csv(folder / "tables" / "errors.csv", index=False)
+            write_whole(folder / "tables" / "errors.csv", _table(errors, new.labels).to_csv(index=False))
     return content
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from symcal.documents.read import MB, read_bytes
 from symcal.errors import InputError
+from symcal.outputs.whole_file import write_whole
 from symcal.vision.image_size import FORMATS, image_size
 
 Image = NDArray[np.uint8]
@@ -83,9 +84,6 @@ def write_image(path: Path | str, image: Image) -> None:
         InputError: the file cannot be written.
     """
     done, content = cv2.imencode(".png", image)
-    try:
-        if not done:
-            raise OSError(0, "it cannot be encoded")
-        Path(path).write_bytes(content.tobytes())
-    except OSError as error:
-        raise InputError(f"the image cannot be written: {error.strerror}", file=path) from None
+    if not done:
+        raise InputError("the image cannot be encoded", file=path)
+    write_whole(path, content.tobytes())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
@@ -130,15 +131,39 @@ def test_files_of_others_are_left_alone(paper_robot: Robot, tmp_path: Path) -> N
 def test_a_failure_leaves_what_was_there(paper_robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "c"
     export_c(paper_robot, folder)
-    before, write_text = contents(folder), Path.write_text
+    before, write = contents(folder), os.write
 
-    def full_disk(self: Path, text: str, **options: str) -> int:
-        if self.name == "selftest.c":
+    def full_disk(descriptor: int, data: bytes) -> int:
+        if b"self-test" in bytes(data):
             raise OSError(28, "No space left on device")
-        return write_text(self, text, **options)
+        return write(descriptor, data)
 
-    monkeypatch.setattr(Path, "write_text", full_disk)
+    monkeypatch.setattr(os, "write", full_disk)
     with pytest.raises(InputError, match="No space left"):
         export_c(paper_robot, folder, prefix="other")
+    monkeypatch.undo()
     assert contents(folder) == before
     assert [p.name for p in tmp_path.iterdir()] == ["c"]
+
+
+def test_an_exported_file_that_the_user_changed_is_kept(paper_robot: Robot, tmp_path: Path) -> None:
+    folder = tmp_path / "c"
+    export_c(paper_robot, folder)
+    for name, text in (("Makefile", "mine"), ("build/notes.txt", "mine")):
+        before = (folder / name).read_bytes() if (folder / name).exists() else None
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text(text)
+        with pytest.raises(InputError, match="or were changed since") as caught:
+            export_c(paper_robot, folder)
+        assert caught.value.found == name
+        assert (folder / name).read_text() == text
+        (folder / name).unlink() if before is None else (folder / name).write_bytes(before)
+    export_c(paper_robot, folder)
+
+
+def test_a_link_to_a_folder_stays_one(paper_robot: Robot, tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to("there")
+    for _ in range(2):
+        export_c(paper_robot, tmp_path / "link")
+        assert (tmp_path / "link").is_symlink()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["link", "there"]

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
-import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from symcal.compensation.compensate import joint_caps
-from symcal.documents.read import DOCUMENT_LIMIT, read_text
 from symcal.errors import InputError
 from symcal.export.c.expressions import programs
 from symcal.export.c.names import identifier
@@ -20,12 +17,15 @@ from symcal.export.c.source import CModel, header, model_hash, source
 from symcal.export.c.vectors import self_test_vectors
 from symcal.export.carries import LeftOut, check_carries
 from symcal.export.gate import check_exportable
+from symcal.outputs.manifest import foreign_files
+from symcal.outputs.whole_file import write_whole
+from symcal.outputs.whole_folder import whole_folder
 from symcal.robot.robot import Robot
 
 MANIFEST = "symcal_export.json"
 SCHEMA = "symcal/c-export/1"
 BUILD = "build"
-"""Where the exported build files put what they make; goes with the export that it was made from."""
+"""Where the exported Makefile puts what it makes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,11 +104,11 @@ def export_c(
     }
     texts[MANIFEST] = json.dumps(manifest, indent=2, ensure_ascii=False) + "\n"
     folder = Path(out_dir)
-    try:
-        _check_replaceable(folder)
-        _write(folder, texts)
-    except OSError as error:
-        raise InputError(f"the folder cannot be written: {error.strerror}", file=folder) from None
+    # a link to a folder is followed: what it points to is exchanged, and it stays a link
+    with whole_folder(folder.resolve(), lambda place: _check_replaceable(place, folder)) as fresh:
+        for path, text in texts.items():
+            (fresh / path).parent.mkdir(parents=True, exist_ok=True)
+            write_whole(fresh / path, text)
     costs = {name: cost(model, name) for name in model.functions}
     return CExport(
         folder=folder,
@@ -121,45 +121,25 @@ def export_c(
     )
 
 
-def _check_replaceable(folder: Path) -> None:
-    """Refuse a folder with anything in it that is not of an earlier export."""
+def _check_replaceable(folder: Path, shown: Path) -> None:
+    """Refuse a folder with anything in it that is not of an earlier export, or was changed since."""
     if not folder.exists():
         return
     if not folder.is_dir():
-        raise InputError("there is a file of this name; a folder is to be written", file=folder)
-    known: set[str] = set()
-    if (folder / MANIFEST).exists():
-        try:
-            known = {MANIFEST, *json.loads(read_text(folder / MANIFEST, DOCUMENT_LIMIT))["files"]}
-        except (ValueError, KeyError, TypeError, RecursionError):
-            raise InputError(
-                "this is not a manifest of ours: remove the folder yourself", file=folder / MANIFEST
-            ) from None
-    for path in sorted(folder.rglob("*")):
-        inside = path.relative_to(folder)
-        if inside.parts[0] != BUILD and not path.is_dir() and inside.as_posix() not in known:
-            message = "the folder holds files that are not of an export: choose another, or remove it yourself"
-            raise InputError(message, file=folder, found=inside.as_posix())
-
-
-def _write(folder: Path, texts: Mapping[str, str]) -> None:
-    """Write beside the target and rename: nobody sees half of it, and a failure leaves what was there."""
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    place = folder.resolve()
-    new, old = (place.with_name(f".{place.name}.{uuid.uuid4().hex[:12]}") for _ in range(2))
+        raise InputError("there is a file of this name; a folder is to be written", file=shown)
     try:
-        for path, text in texts.items():
-            (new / path).parent.mkdir(parents=True, exist_ok=True)
-            (new / path).write_text(text, encoding="utf-8", newline="\n")
-        if place.exists():
-            place.replace(old)
-        try:
-            new.replace(place)
-        except OSError:
-            if old.exists():
-                old.replace(place)
-            raise
-    finally:
-        for leftover in (new, old):
-            if leftover.exists():
-                shutil.rmtree(leftover, ignore_errors=True)
+        foreign = foreign_files(folder, MANIFEST, made_since=_built)
+    except OSError as error:
+        raise InputError(f"the folder cannot be read: {error.strerror}", file=shown) from None
+    if foreign:
+        message = (
+            "the folder holds files that are not of an export, or were changed since: choose another, or remove it "
+            "yourself"
+        )
+        raise InputError(message, file=shown, found=foreign[0])
+
+
+def _built(path: str) -> bool:
+    """Whether the exported Makefile makes this file; it goes with the export that it was made from."""
+    folder, _, name = path.partition("/")
+    return folder == BUILD and "/" not in name and (name.endswith((".o", ".a")) or name.startswith("selftest."))

@@ -7,6 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from symcal.outputs.whole_file import write_whole
 from symcal.paper.report.chance import chance
 from symcal.paper.report.errata import errata
 from symcal.paper.report.fitness import fitness
@@ -17,7 +18,7 @@ from symcal.paper.report.simulations import simulation_1, simulation_2
 from symcal.paper.report.unseen import unseen
 from symcal.paper.report.verdict import key_table, study_verdict
 from symcal.report.handover import handover_text
-from symcal.report.render import Picture, render
+from symcal.report.render import Picture, rendered
 from symcal.words import plural
 
 __all__ = ["paper_text", "write_paper_report"]
@@ -29,7 +30,7 @@ def write_paper_report(content: Mapping[str, Any], pictures: Sequence[Picture], 
     Raises:
         InputError: the file cannot be written.
     """
-    render(paper_text(content), pictures, path, files("symcal.paper.report").joinpath("paper.typ"))
+    write_whole(path, rendered(paper_text(content), pictures, files("symcal.paper.report").joinpath("paper.typ")))
 
 
 def paper_text(content: Mapping[str, Any]) -> dict[str, Any]:

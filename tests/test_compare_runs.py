@@ -251,7 +251,7 @@ def test_the_command_says_what_changed_and_writes_it(runs: Path, tmp_path: Path)
     assert done.exit_code == 0, done.output
     assert "february against january: no parameter differs beyond its uncertainty" in done.output
     assert re.search(r"june against january: .*a₄.* beyond the joint uncertainty", done.output)
-    assert re.search(r"^june .* not accepted$", done.output, re.M)
+    assert re.search(r"^june .* refused$", done.output, re.M)
     assert "held-out error 0.2 mm: above 0.1 mm" in done.output
     content = json.loads((out / "results.json").read_text())
     table = pd.read_csv(out / "tables" / "differences.csv")

@@ -62,7 +62,7 @@ def _runs_table(runs: Any) -> Table:
         noise = ", ".join(f"{each['sigma']:.3g} {each['unit']}" for each in run["noise"].values())
         seen = "-" if run["rank"] is None else f"{run['rank']}{f' of {n}' if (n := run['parameters']) else ''}"
         poses = " + ".join(str(run["poses"][part]) for part in ("train", "test") if part in run["poses"])
-        verdict = {None: "-", True: "accepted", False: "not accepted"}[run["accepted"]]
+        verdict = {None: "-", True: "accepted", False: "refused"}[run["accepted"]]
         row = [escape(name), poses or "-", *cells, noise or "-", seen, verdict]
         table.add_row(*row[: len(table.columns)])
     return table

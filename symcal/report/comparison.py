@@ -69,8 +69,8 @@ def cautions(content: Content) -> list[str]:
         if run["trouble"]:
             out.append(f"{name}: the identification did not converge ({run['trouble']}): do not use its numbers")
         elif run["accepted"] is False:
-            reasons = f": {'; '.join(map(str, run['reasons']))}" if run["reasons"] else ""
-            out.append(f"{name}: this calibration was not accepted{reasons}")
+            reasons = f": {'; '.join(run['reasons'])}" if run["reasons"] else ""
+            out.append(f"{name}: this calibration was refused{reasons}")
     for pair in content["comparison"]:
         names = f"{pair['second']} against {pair['first']}"
         if pair["shared"] and not pair["identical"]:

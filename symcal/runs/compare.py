@@ -13,7 +13,9 @@ import pandas as pd
 
 from symcal.calibration import results
 from symcal.calibration.robot_difference import RobotDifference, robot_difference
+from symcal.documents.read import DOCUMENT_LIMIT, TABLE_LIMIT, read_text
 from symcal.errors import InputError, RefusedError
+from symcal.outputs.whole_file import write_whole
 from symcal.report.comparison import cautions
 from symcal.report.measured import judged
 from symcal.report.verdict import judging_part
@@ -58,7 +60,7 @@ def compare_runs(
     if len(paths) > MOST:
         raise RefusedError(f"{len(paths)} runs: compare at most {MOST} at once")
     if out is not None:
-        require_replaceable(out)
+        require_replaceable(out, paths)
     progress("reading the runs")
     runs = [_read(path, name) for path, name in zip(paths, _names(paths), strict=True)]
     first, *others = runs
@@ -78,7 +80,7 @@ def compare_runs(
     }
     content["warnings"] = cautions(content)
     if out is not None:
-        _write(content, out, progress)
+        _write(content, out, paths, progress)
     return content
 
 
@@ -104,8 +106,8 @@ def _content(file: Path, robot: Robot) -> Mapping[str, Any]:
     if not beside.is_file():
         return robot.record.provenance
     try:
-        content = json.loads(beside.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        content = json.loads(read_text(beside, DOCUMENT_LIMIT))
+    except (ValueError, RecursionError):
         raise InputError("this is not the JSON that a run writes", file=beside) from None
     schema = content.get("schema") if isinstance(content, dict) else None
     if schema != results.SCHEMA:
@@ -148,7 +150,7 @@ def _facts(run: Run) -> dict[str, Any]:
         "size_factor": own.get("size_factor"),
         "trouble": own.get("trouble", ""),
         "accepted": decision.get("accepted"),
-        "reasons": list(decision.get("reasons", ())),
+        "reasons": [str(reason["text"]) for reason in decision.get("reasons", ())],
         "accuracy": None,
     }
     try:
@@ -229,22 +231,22 @@ def _rows(folder: Path) -> set[str]:
     for file in (folder / "measurements.csv", *sorted(folder.glob("measurements/*.csv"))):
         if file.is_file():
             try:
-                lines = [line for line in file.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
-            except (OSError, ValueError):
+                lines = [line for line in read_text(file, TABLE_LIMIT).splitlines() if not line.startswith("#")]
+            except InputError:
                 continue
             found |= set(lines[1:])
     return found
 
 
-def _write(content: Mapping[str, Any], out: Path, progress: Callable[[str], None]) -> None:
+def _write(content: Mapping[str, Any], out: Path, inputs: Sequence[Path], progress: Callable[[str], None]) -> None:
     from symcal.plots.comparison import comparison
     from symcal.plots.save import save_figure
 
-    with run_folder(out) as folder:
+    with run_folder(out, inputs) as folder:
         write_json(folder / "results.json", content)
         (folder / "tables").mkdir()
         for name, rows in _tables(content).items():
-            pd.DataFrame(rows).to_csv(folder / "tables" / f"{name}.csv", index=False)
+            write_whole(folder / "tables" / f"{name}.csv", pd.DataFrame(rows).to_csv(index=False))
         progress("drawing")
         (folder / "figures").mkdir()
         save_figure(comparison(content), folder / "figures")

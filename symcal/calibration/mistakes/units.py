@@ -1,0 +1,74 @@
+"""Measurements whose spread the arm cannot have made, though frames explain them: an arm without lengths between its
+axes explains points of any size, if its target only stands where they shrink to."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symcal.calibration.mistakes.hypotheses import Hypothesis
+from symcal.calibration.mistakes.mistake import Mistake
+from symcal.calibration.mistakes.rotation_fit import sums
+from symcal.calibration.mistakes.scene import AS_GIVEN, POSES, Scene, readings_tried, said, some
+from symcal.robot.robot import Robot
+
+Array = NDArray[np.float64]
+
+_SMALL, _LARGE = 0.01, 20.0  # of what the joints can move: measured spreads beyond are no chance
+_LIKELY = (0.03, 3.0)  # of that: what spreads are in the right unit
+_AS_GOOD = 1.5
+_LEAST = 0.05  # of the spread: frames that leave less explain well enough
+
+
+def expected_spread(robot: Robot, q: Array) -> float:
+    """Rms distance that these joint readings (N, dof) may move a point by, mm: turns by the length, and strokes."""
+    about = q - q.mean(axis=0)
+    turning = np.array([joint.revolute for joint in robot.joints], dtype=bool)
+    turn = min(float(np.sqrt(np.mean(np.sum(about[:, turning] ** 2, axis=1)))), 1.0)
+    stroke = float(np.sqrt(np.mean(np.sum(about[:, ~turning] ** 2, axis=1))))
+    return (float(robot.length(q)) + float(np.linalg.norm(robot.tool[:3, 3]))) * turn + stroke
+
+
+def implausible(spread: float, expected: float) -> bool:
+    """Whether points that spread so far are in another unit than they say."""
+    return expected > 0 and spread > 0 and not _SMALL * expected <= spread <= _LARGE * expected
+
+
+def likely(spread: Array, expected: float, score: Array, given: float) -> NDArray[np.bool_]:
+    """Units that explain about as well as the one that is said and make the spread a likely one, shape (H,)."""
+    inside = (spread >= _LIKELY[0] * expected) & (spread <= _LIKELY[1] * expected)
+    return np.asarray(inside & (score <= max(_AS_GOOD * given, _LEAST)))
+
+
+def of_another_size(robot: Robot, scene: Scene, k: int) -> tuple[Mistake, ...]:
+    """Readings in another unit that frames explain as well: told by what the joints can move."""
+    sight = scene.sights[k]
+    if sight.constrains or sight.reads == "axes":
+        return ()
+    at = some(scene.rows, POSES)
+    q, z, everything = scene.q[at], scene.z[k][at], np.ones(len(at), dtype=bool)
+    chain = sight.chain(q)
+    sums_of = [
+        (sums(chain[:, :3, :3], chain[:, :3, 3], c).sum(axis=0), c.located) for c in sight.channels(z, everything)
+    ]
+    spread, expected = float(sight.spread(sums_of)), expected_spread(robot, q)
+    if not implausible(spread, expected):
+        return ()
+    units = [h for h in sight.hypotheses if h.kind == "unit"]
+    tried, given = readings_tried(scene, k, units), readings_tried(scene, k, (AS_GIVEN,))
+    factors = np.array([_size_of(h) for h in units])
+    chosen = np.flatnonzero(likely(spread * factors, expected, tried.score, float(given.score[0])))
+    if not len(chosen):
+        return ()
+    texts = tuple(said(scene, tried, units[i]) for i in chosen[np.argsort(tried.score[chosen], kind="stable")])
+    text = (
+        f"the measured points spread over {spread:.3g} mm, while these joint readings move the arm by about "
+        f"{expected:.3g} mm: the measurements are not in the unit that their columns name; {'; or '.join(texts)}"
+    )
+    best = int(chosen[np.argmin(tried.score[chosen])])
+    return (Mistake("unit", texts, text, float(given.rms[0]), float(tried.rms[best] / factors[best]), "mm"),)
+
+
+def _size_of(hypothesis: Hypothesis) -> float:
+    assert hypothesis.measured is not None
+    return float(hypothesis.measured(np.array([[1.0, 0, 0, 0, 0, 0, 1.0]]))[0, 0])

@@ -211,14 +211,26 @@ def _angles() -> Iterator[Hypothesis]:
     yield Hypothesis(
         "angles", "roll and yaw are swapped", measured=again(lambda a: Rotation.from_euler("xyz", a[:, ::-1]))
     )
-    yield Hypothesis(
-        "angles", "roll, pitch, yaw are a rotation vector", measured=again(lambda a: Rotation.from_rotvec(a))
-    )
+    yield Hypothesis("angles", "roll, pitch, yaw are a rotation vector", measured=_of_vectors)
     yield Hypothesis(
         "angles",
         "roll, pitch, yaw are in radians, labelled as degrees",
         measured=again(lambda a: Rotation.from_euler("xyz", a * 180 / np.pi)),
     )
+
+
+def _of_vectors(z: Array) -> Array:
+    """Poses whose roll, pitch and yaw are a rotation vector.
+
+    Two sets of angles are one rotation, roll + 180, 180 - pitch, yaw + 180 deg being the other: where both are as short
+    as a rotation vector may be, nothing is said of the pose.
+    """
+    angles = Rotation.from_quat(z[:, 3:]).as_euler("xyz")
+    other = (angles * [1.0, -1.0, 1.0] + 2 * np.pi) % (2 * np.pi) - np.pi
+    short, too = (np.linalg.norm(each, axis=1) <= np.pi for each in (angles, other))
+    out = _posed(Rotation.from_rotvec(np.where(short[:, None], angles, other)).as_matrix(), z[:, :3])
+    out[short & too] = np.nan
+    return out
 
 
 def _posed(rotation: Array, position: Array) -> Array:

@@ -17,7 +17,7 @@ from symcal.placing.registration import rigid_fit
 
 Array = NDArray[np.float64]
 
-_BETTER = 5.0  # times that another arrangement must agree better
+_BETTER = 4.0  # times that another arrangement must agree better
 _ALIKE = 1.3
 _EXPLAINED = 0.1  # of the spread: the readings themselves must go with the robot
 _UNTOLD = 2.0  # times what is left of readings: points that are less off may be where they are said

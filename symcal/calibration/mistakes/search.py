@@ -26,9 +26,9 @@ from symcal.model.model import Model
 
 Array = NDArray[np.float64]
 
-BETTER = 5.0
+BETTER = 4.0
 """Times that a hypothesis must explain the readings better than they are as given."""
-_MOVED = 10.0  # the same of a break, which has more freedom
+_MOVED = 5.0  # the same of a break, which has more freedom
 _BROKEN = 0.03  # of the spread: what frames leave of readings below is no break
 _EXACT = 1e-9  # of the spread: rounding
 _TRIGGER = 0.01  # of the spread: what frames leave of readings below needs no other explanation

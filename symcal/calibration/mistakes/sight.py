@@ -95,7 +95,7 @@ class Sight:
         out = []
         for k in self.features:
             read = values[..., k, :]
-            seen: Mask = np.asarray(np.isfinite(read).all(axis=-1) & rows)
+            seen: Mask = np.logical_and(np.isfinite(read).all(axis=-1), rows)
             read = np.where(seen[..., None], read, 0.0)
             if self.reads == "axes":
                 norm = np.linalg.norm(read, axis=-1, keepdims=True)
@@ -105,14 +105,15 @@ class Sight:
 
     def _of_frames(self, z: Array, rows: Mask) -> list[Channel]:
         o = self.part.observation
-        seen = np.isfinite(z).all(axis=-1)
-        poses = pose_matrix(np.where(seen[..., None], z, np.array([0.0, 0, 0, 0, 0, 0, 1])))
+        there: Mask = np.asarray(np.isfinite(z)).all(axis=-1)
+        seen: Mask = np.logical_and(there, rows)
+        poses = pose_matrix(np.where(there[..., None], z, np.array([0.0, 0, 0, 0, 0, 0, 1])))
         reader = o.target.at if o.reports == "instrument" else o.at
         poses = inverse(poses) if reader.moves else poses
         origin, axes = poses[..., :3, 3], LEVER * poses[..., :3, :3]
         return [
-            Channel(origin, seen & rows, True),
-            *(Channel(axes[..., :, k], seen & rows, False) for k in range(3)),
+            Channel(origin, seen, True),
+            *(Channel(axes[..., :, k], seen, False) for k in range(3)),
         ]
 
     def misfit(self, chain: Array, z: Array, rows: Mask) -> Misfit:

@@ -3,6 +3,8 @@ axes explains points of any size, if its target only stands where they shrink to
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,30 +16,36 @@ from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
-_SMALL, _LARGE = 0.01, 20.0  # of what the joints can move: measured spreads beyond are no chance
+_SMALL = 0.01  # of what the joints can move: measured spreads below are no chance
+_LARGE = 30.0  # arm's lengths: spreads beyond are none
 _LIKELY = (0.03, 3.0)  # of that: what spreads are in the right unit
 _AS_GOOD = 1.5
 _LEAST = 0.05  # of the spread: frames that leave less explain well enough
 
 
-def expected_spread(robot: Robot, q: Array) -> float:
-    """Rms distance that these joint readings (N, dof) may move a point by, mm: turns by the length, and strokes."""
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """length: of the arm with its tool, mm. motion: rms distance that joint readings may move a point by, mm: turns by
+    that length, and strokes."""
+
+    length: float
+    motion: float
+
+    def likely(self, spread: float) -> float | None:
+        """What a spread should be about, mm; None where it is plausible as it is."""
+        if 0 < spread < _SMALL * self.motion:
+            return self.motion
+        return self.length if spread > _LARGE * max(self.length, 1.0) else None
+
+
+def reach_of(robot: Robot, q: Array) -> Reach:
+    """What an arm reaches with joint readings (N, dof), rad and mm."""
     about = q - q.mean(axis=0)
     turning = np.array([joint.revolute for joint in robot.joints], dtype=bool)
     turn = min(float(np.sqrt(np.mean(np.sum(about[:, turning] ** 2, axis=1)))), 1.0)
     stroke = float(np.sqrt(np.mean(np.sum(about[:, ~turning] ** 2, axis=1))))
-    return (float(robot.length(q)) + float(np.linalg.norm(robot.tool[:3, 3]))) * turn + stroke
-
-
-def implausible(spread: float, expected: float) -> bool:
-    """Whether points that spread so far are in another unit than they say."""
-    return expected > 0 and spread > 0 and not _SMALL * expected <= spread <= _LARGE * expected
-
-
-def likely(spread: Array, expected: float, score: Array, given: float) -> NDArray[np.bool_]:
-    """Units that explain about as well as the one that is said and make the spread a likely one, shape (H,)."""
-    inside = (spread >= _LIKELY[0] * expected) & (spread <= _LIKELY[1] * expected)
-    return np.asarray(inside & (score <= max(_AS_GOOD * given, _LEAST)))
+    length = float(robot.length(q) + np.linalg.norm(robot.tool[:3, 3]))
+    return Reach(length, length * turn + stroke)
 
 
 def of_another_size(robot: Robot, scene: Scene, k: int) -> tuple[Mistake, ...]:
@@ -51,19 +59,22 @@ def of_another_size(robot: Robot, scene: Scene, k: int) -> tuple[Mistake, ...]:
     sums_of = [
         (sums(chain[:, :3, :3], chain[:, :3, 3], c).sum(axis=0), c.located) for c in sight.channels(z, everything)
     ]
-    spread, expected = float(sight.spread(sums_of)), expected_spread(robot, q)
-    if not implausible(spread, expected):
+    spread = float(sight.spread(sums_of))
+    wanted = reach_of(robot, q).likely(spread)
+    if wanted is None:
         return ()
     units = [h for h in sight.hypotheses if h.kind == "unit"]
     tried, given = readings_tried(scene, k, units), readings_tried(scene, k, (AS_GIVEN,))
     factors = np.array([_size_of(h) for h in units])
-    chosen = np.flatnonzero(likely(spread * factors, expected, tried.score, float(given.score[0])))
+    share = spread * factors / wanted
+    good = tried.score <= max(_AS_GOOD * float(given.score[0]), _LEAST)
+    chosen = np.flatnonzero(good & (share >= _LIKELY[0]) & (share <= _LIKELY[1]))
     if not len(chosen):
         return ()
     texts = tuple(said(scene, tried, units[i]) for i in chosen[np.argsort(tried.score[chosen], kind="stable")])
     text = (
         f"the measured points spread over {spread:.3g} mm, while these joint readings move the arm by about "
-        f"{expected:.3g} mm: the measurements are not in the unit that their columns name; {'; or '.join(texts)}"
+        f"{wanted:.3g} mm: the measurements are not in the unit that their columns name; {'; or '.join(texts)}"
     )
     best = int(chosen[np.argmin(tried.score[chosen])])
     return (Mistake("unit", texts, text, float(given.rms[0]), float(tried.rms[best] / factors[best]), "mm"),)

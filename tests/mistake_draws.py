@@ -2,8 +2,8 @@
 
     python tests/mistake_draws.py [sets]         200 sets by default; prints how many were accused, and by what
 
-Arms of five to seven axes, some prismatic, of 0.2 to 3 m, measured in position or pose from 15 to 60 poses over all or a
-tenth of the joint ranges; nominal robots off by up to 20 mm rms, waves of the joints in them, noise of 0.05 to 2 mm.
+Arms of five to seven axes, some prismatic, of 0.2 to 3 m, measured in position or pose from 15 to 60 poses over all or
+a tenth of the joint ranges; nominal robots off by up to 20 mm rms, waves of the joints in them, noise of 0.05 to 2 mm.
 """
 
 # ruff: noqa: T201

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from symcal.calibration.evaluate import Errors
 from symcal.data.dataset import Dataset
+from symcal.words import plural
 
 Array = NDArray[np.float64]
 
@@ -18,6 +19,9 @@ _SIGNIFICANT = 2.0  # standard errors of the mean gain
 _OPTIMISM = 1.5  # unseen over training rms; with many poses the ratio is near one
 _NO_BETTER = 0.02  # relative gain that is none
 _UNLIKE = 1e-3  # probability that poses of the same kind are called others
+_FEW = 0.1  # of the poses: so many may be slips
+_ENOUGH = 4  # poses that a slip can be told from
+_APART = 4.0  # medians that a slip is off
 _BEYOND = 0.1  # of the training range of a joint
 
 
@@ -45,12 +49,33 @@ def claim(errors: Mapping[str, Mapping[str, Errors]]) -> tuple[str, ...]:
             f"{where} the calibrated robot ({rms['a']:.3g} {after.unit} rms) is {verdict} than the nominal one with "
             f"fitted frames ({rms['b']:.3g} {after.unit}): the data do not support an accuracy claim"
         )
-    if rms["a"] > _OPTIMISM * rms["t"]:
+    few = _few(after)
+    if rms["a"] > _OPTIMISM * rms["t"] and few is not None:
+        count, others = few
+        found.append(
+            f"{where} the error ({rms['a']:.3g} {after.unit} rms) is made by {plural(count, 'pose')} alone; the others "
+            f"have {others:.3g} {after.unit}: look at what was measured there before anything else"
+        )
+    elif rms["a"] > _OPTIMISM * rms["t"]:
         found.append(
             f"{where} the error ({rms['a']:.3g} {after.unit} rms) is {rms['a'] / rms['t']:.2g} times that on the "
             f"training poses ({rms['t']:.3g} {after.unit}): more poses would help"
         )
     return tuple(found)
+
+
+def _few(errors: Errors) -> tuple[int, float] | None:
+    """How many poses, and the rms of the others, where few poses make most of the error; None where all do."""
+    squares = np.sort(_per_pose(errors))
+    for count in range(1, max(int(_FEW * len(squares)), 1) + 1):
+        rest = squares[:-count]
+        if (
+            len(rest) >= _ENOUGH
+            and squares[-count] > _APART**2 * np.median(rest)
+            and np.mean(rest) < np.mean(squares) / 4
+        ):
+            return count, float(np.sqrt(np.mean(rest)))
+    return None
 
 
 def _per_pose(errors: Errors) -> Array:

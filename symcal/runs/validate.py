@@ -13,6 +13,8 @@ import pandas as pd
 from symcal.calibration import results
 from symcal.calibration.calibrate import place
 from symcal.calibration.evaluate import Errors, evaluate
+from symcal.calibration.mistakes.mistake import mistake_facts
+from symcal.calibration.mistakes.moved import moved_between
 from symcal.calibration.record import recorded_task
 from symcal.data.dataset import Dataset, merged
 from symcal.data.layout import Layout
@@ -73,15 +75,18 @@ def validate_robot(
         recorded = recorded_task(robot.record.provenance, name, calibrated)
         kept = _of_these(recorded, instrument, names, sessions)
         model = build_model(subject, _loosened(kept, refit))
-        found = evaluate(_state(model, subject, new, refit), new)
+        state = _state(model, subject, new, refit)
+        found = evaluate(state, new)
         errors[name] = replace(found, fitted=len(model.placement)) if refit else found
+    moved = () if refit else moved_between(state, new)
     task = _of_these(task, instrument, names, sessions)
     content = {
         **results.header(robot.name, f"Validation of {robot.name}", 0, (calibrated, data), Path.cwd()),
         "robot": results.robot_facts(robot),
         "measurement": results.measurement_facts(task, {"test": len(new)})
         | {"refit": list(refit), "estimate": _found_in_training(robot)},
-        "warnings": list(new.notes),
+        "mistakes": mistake_facts(moved),
+        "warnings": [*(each.text for each in moved), *new.notes],
         "accuracy": {"test": results.accuracy_facts(errors)},
         "against": results.against(task),
     }

@@ -14,7 +14,7 @@ class Mistake:
     """A gross mistake, or a class of those that the data do not tell apart.
 
     kind: of the foremost. hypotheses: what may be wrong, one of these. before, after: rms of what no frames explain, as
-    given and with the mistake undone, in ``unit``.
+    given and with the mistake undone, in ``unit``. fatal: the data cannot be used as they are, however well they fit.
     """
 
     kind: str
@@ -23,6 +23,7 @@ class Mistake:
     before: float
     after: float
     unit: str
+    fatal: bool = False
 
 
 def mistake_of(kind: str, texts: tuple[str, ...], before: float, after: float, unit: str) -> Mistake:

@@ -105,7 +105,7 @@ class Sight:
 
     def _of_frames(self, z: Array, rows: Mask) -> list[Channel]:
         o = self.part.observation
-        there: Mask = np.asarray(np.isfinite(z)).all(axis=-1)
+        there: Mask = np.isfinite(z.sum(axis=-1))
         seen: Mask = np.logical_and(there, rows)
         poses = pose_matrix(np.where(there[..., None], z, np.array([0.0, 0, 0, 0, 0, 0, 1])))
         reader = o.target.at if o.reports == "instrument" else o.at

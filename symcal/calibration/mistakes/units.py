@@ -77,7 +77,9 @@ def of_another_size(robot: Robot, scene: Scene, k: int) -> tuple[Mistake, ...]:
         f"{wanted:.3g} mm: the measurements are not in the unit that their columns name; {'; or '.join(texts)}"
     )
     best = int(chosen[np.argmin(tried.score[chosen])])
-    return (Mistake("unit", texts, text, float(given.rms[0]), float(tried.rms[best] / factors[best]), "mm"),)
+    return (
+        Mistake("unit", texts, text, float(given.rms[0]), float(tried.rms[best] / factors[best]), "mm", fatal=True),
+    )
 
 
 def _size_of(hypothesis: Hypothesis) -> float:

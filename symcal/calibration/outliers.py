@@ -35,7 +35,8 @@ class Outlier:
     point or axis, empty where there is one. off: distance from where all good readings put it, in ``unit``; noises: the
     same over their noise per axis.
     weight: with which it counted. parameter, sigmas: of what the estimate would be without it, the parameter that
-    changes most for its standard deviation, and by how many; tool_mm: rms change of the tool over the training poses. split: of which poses it is.
+    changes most for its standard deviation, and by how many; tool_mm: rms change of the tool over the training poses.
+    split: of which poses it is.
     """
 
     pose: str

@@ -108,8 +108,8 @@ def refuse_more_joints(table: Table, known: Collection[str], robot: Robot) -> li
             continue
         if len(set(table.text(column))) > 1:
             raise InputError(
-                f"the robot has {plural(robot.dof, 'joint')}, and this is a column of another one, which moves: the file "
-                "is of another robot, or the robot file lacks a joint; rename the column if it is none",
+                f"the robot has {plural(robot.dof, 'joint')}, and this is a column of another one, which moves: the "
+                "file is of another robot, or the robot file lacks a joint; rename the column if it is none",
                 file=table.path,
                 line=table.head_line,
                 column=column,

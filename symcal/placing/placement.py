@@ -127,11 +127,12 @@ def _untold_points(model: Model, data: Dataset) -> set[str]:
     for part, o in zip(model.measurement.parts, model.task.observations, strict=True):
         if o.instrument.reads != "points":
             continue
-        there = part.seen(data.z).reshape(len(data), part.features, -1).any(axis=(0, 2))
-        for point, seen in zip(o.features, there, strict=True):
+        there = part.seen(data.z).reshape(len(data), part.features, -1)
+        for k, point in enumerate(o.features):
+            seen = bool(there[:, k].any())
             if point in o.target.unknown_points:
                 for name in o.target.coordinates(point):
-                    known[name] = known.get(name, False) or bool(seen)
+                    known[name] = known.get(name, False) or seen
     return {name for name, seen in known.items() if not seen}
 
 

@@ -154,10 +154,11 @@ def _check_placed(robot: Robot, names: Sequence[str], refit: tuple[str, ...]) ->
     for name in names:
         own = record.get(name, {})
         for thing in dict.fromkeys(parameter.rpartition("_")[0] for parameter in own.get("unplaced", [])):
-            if not {thing, own["entry"]} & set(refit):
+            point = thing not in (own["names"]["place"], own["target"]["name"])
+            if not {thing, own["entry"], *(["points"] if point else [])} & set(refit):
                 message = (
                     f"where '{thing}' stands no training pose told: fit it to these measurements with "
-                    f"'--refit {own['entry']}', which then judge the kinematics and not where the robot stands"
+                    f"'--refit {'points' if point else own['entry']}', which then judge the kinematics and not where the robot stands"
                 )
                 raise InputError(message, key="--refit")
 

@@ -63,15 +63,10 @@ def _of(sight: Sight, state: State, data: Dataset) -> Mistake | None:
     fixed = register(chain, measured, stated, base=True, tool=None)[0].rms
     moving = register(chain, measured, stated, base=False, tool="position" if one_point else "frame")[0].rms
     fixed, moving = (moving, fixed) if ends.reversed else (fixed, moving)
+    still, carried = (_called(o.at.moves, o.place, o.target.name, still=still) for still in (True, False))
     tried: Sequence[_Motion] = (
-        _Motion(
-            "what stands still (the instrument, or the robot's base)",
-            _called(o.at.moves, o.place, o.target.name, True),
-            fixed,
-        ),
-        _Motion(
-            "what is on the robot (the target or the tool)", _called(o.at.moves, o.place, o.target.name, False), moving
-        ),
+        _Motion("what stands still (the instrument, or the robot's base)", still, fixed),
+        _Motion("what is on the robot (the target or the tool)", carried, moving),
     )
     best = min(each.rms for each in tried)
     if not best * _BETTER < as_is:
@@ -86,7 +81,7 @@ def _of(sight: Sight, state: State, data: Dataset) -> Mistake | None:
     return Mistake("moved between sets", texts, text, as_is, best, "mm")
 
 
-def _called(riding: bool, place: str, target: str, still: bool) -> str:
+def _called(riding: bool, place: str, target: str, *, still: bool) -> str:
     """What `--refit` calls an end: the robot's own frames where the thing itself has no name of its own."""
     name = (target if riding else place) if still else (place if riding else target)
     own = "base" if still else "tool"

@@ -34,7 +34,7 @@ _EXACT = 1e-9  # of the spread: rounding
 _TRIGGER = 0.01  # of the spread: what frames leave of readings below needs no other explanation
 _PLAUSIBLE = 0.1  # of the spread: robots are not further off by nominal kinematics
 _PAIRED = 0.1  # of the spread: below, one mistake explains enough or none is there
-_ALIKE = 1.3  # times the least misfit: hypotheses that the data do not tell apart
+_ALIKE = 2.0  # times the least misfit: hypotheses that the data do not tell apart
 _PAIR_POSES = 40
 
 

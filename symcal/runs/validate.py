@@ -156,9 +156,10 @@ def _check_placed(robot: Robot, names: Sequence[str], refit: tuple[str, ...]) ->
         for thing in dict.fromkeys(parameter.rpartition("_")[0] for parameter in own.get("unplaced", [])):
             point = thing not in (own["names"]["place"], own["target"]["name"])
             if not {thing, own["entry"], *(["points"] if point else [])} & set(refit):
+                wanted = "points" if point else own["entry"]
                 message = (
                     f"where '{thing}' stands no training pose told: fit it to these measurements with "
-                    f"'--refit {'points' if point else own['entry']}', which then judge the kinematics and not where the robot stands"
+                    f"'--refit {wanted}', which then judge the kinematics and not where the robot stands"
                 )
                 raise InputError(message, key="--refit")
 

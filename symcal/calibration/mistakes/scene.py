@@ -63,6 +63,9 @@ AS_GIVEN = Hypothesis("", "")
 
 def scene_of(model: Model, data: Dataset) -> Scene | None:
     """What of the data can be searched; None where nothing can."""
+    wanted = [(o.instrument.name, o.features) for o in model.task.observations]
+    if [(each.kind, each.features) for each in data.of] != wanted:  # refused elsewhere
+        return None
     found = sights(model, data)
     rows = np.array([split != "unused" for split in data.split])
     found = tuple(s for s in found if s.features and s.enough(s.read(data.z), rows))

@@ -19,7 +19,6 @@ Array = NDArray[np.float64]
 _SMALL = 0.01  # of what the joints can move: measured spreads below are no chance
 _LARGE = 30.0  # arm's lengths: spreads beyond are none
 _LIKELY = (0.03, 3.0)  # of that: what spreads are in the right unit
-_AS_GOOD = 1.5
 _LEAST = 0.05  # of the spread: frames that leave less explain well enough
 
 
@@ -67,7 +66,7 @@ def of_another_size(robot: Robot, scene: Scene, k: int) -> tuple[Mistake, ...]:
     tried, given = readings_tried(scene, k, units), readings_tried(scene, k, (AS_GIVEN,))
     factors = np.array([_size_of(h) for h in units])
     share = spread * factors / wanted
-    good = tried.score <= max(_AS_GOOD * float(given.score[0]), _LEAST)
+    good = tried.score <= _LEAST  # a target on the axis of a turntable spreads by its noise alone
     chosen = np.flatnonzero(good & (share >= _LIKELY[0]) & (share <= _LIKELY[1]))
     if not len(chosen):
         return ()

@@ -101,9 +101,9 @@ def test_cross_validation_never_trains_on_what_it_is_judged_by(
     asked: list[tuple[set[str], Dataset]] = []
     real = module.calibrate
 
-    def watched(m: Model, baseline: Model | None, labelled: Dataset, options: Options):
+    def watched(m: Model, baseline: Model | None, labelled: Dataset, options: Options, **given: object):
         asked.append((set(labelled.part("train").labels), labelled))
-        return real(m, baseline, labelled, options)
+        return real(m, baseline, labelled, options, **given)
 
     monkeypatch.setattr(module, "calibrate", watched)
     pooled = cross_validate(model, data, Options(), 4, np.random.default_rng(5))

@@ -13,9 +13,12 @@ from threadpoolctl import ThreadpoolController
 
 from symcal.calibration.extension import Extension
 from symcal.calibration.loss_choice import LossChoice, choose_loss
+from symcal.calibration.mistakes.mistake import Mistake
+from symcal.calibration.mistakes.search import find_mistakes
 from symcal.calibration.outliers import Outlier, outliers
+from symcal.calibration.plausibility import plausibility
 from symcal.calibration.record import measurement_record
-from symcal.calibration.warnings import plausibility, quality
+from symcal.calibration.warnings import quality
 from symcal.data.dataset import Dataset, Readings
 from symcal.errors import InputError, RefusedError
 from symcal.fit.estimation import Fit, Options, fit
@@ -46,7 +49,7 @@ class Calibration:
         that the noise of the others does not explain. loss_choice: why which loss was taken, where that was asked.
     trial: of a smooth remainder, where one was asked for. bare: the model without it, where it was kept; what is known
         before and with joint zeros alone refers to that. extension: what was found beyond geometry, where that was
-        asked for.
+        asked for. mistakes: between robot file and measurements, that explain them far better than they are as given.
     """
 
     model: Model
@@ -63,6 +66,7 @@ class Calibration:
     trial: Trial | None = None
     bare: Model | None = None
     extension: Extension | None = None
+    mistakes: tuple[Mistake, ...] = ()
 
     @property
     def states(self) -> dict[str, State]:
@@ -75,14 +79,35 @@ class Calibration:
         }
 
 
-def calibrate(model: Model, baseline: Model | None, data: Dataset, options: Options) -> Calibration:
+def calibrate(
+    model: Model,
+    baseline: Model | None,
+    data: Dataset,
+    options: Options,
+    mistakes: tuple[Mistake, ...] | None = None,
+) -> Calibration:
     """Calibrate with models that were built before; only poses of the `train` split are used.
 
     Args:
-        baseline: from `baseline_model`.
+        baseline: from `baseline_model`. mistakes: as they were found in these data before; looked for when None, among
+            all poses.
+    Raises:
+        RefusedError: too few poses, or data that the robot cannot have produced: with the mistake that explains them,
+        where one does.
     """
     with one_thread():
-        return _calibrate(model, baseline, data, options)
+        found = find_mistakes(model, data) if mistakes is None else mistakes
+        for each in found:
+            if each.fatal:
+                raise RefusedError(each.text)
+        try:
+            calibration = _calibrate(model, baseline, data, options)
+        except RefusedError as error:
+            if not found:
+                raise
+            raise RefusedError(f"{'; '.join(each.text for each in found)}. {error}") from None
+        notes = (*(each.text for each in found), *calibration.notes)
+        return replace(calibration, notes=notes, mistakes=found)
 
 
 @contextmanager

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from symcal.calibration.evaluate import Errors
 from symcal.data.dataset import Dataset
+from symcal.words import plural
 
 Array = NDArray[np.float64]
 
@@ -21,6 +22,9 @@ _NO_BETTER = 0.02  # relative gain that is none
 _STILL = 1e-9  # rad, mm or shares: joints that vary by less stand still
 _LEFT = 1e-6  # rad, mm or shares of a range
 _UNLIKE = 1e-3  # probability that poses of the same kind are called others
+_FEW = 0.1  # of the poses: so many may be slips
+_ENOUGH = 4  # poses that a slip can be told from
+_APART = 4.0  # medians that a slip is off
 _BEYOND = 0.1  # of the training range of a joint
 MOST_OUTSIDE = 0.2
 """Share of postures beyond the training poses from which on a robot is used where it was not measured. Of postures like
@@ -108,6 +112,13 @@ def optimism(errors: Mapping[str, Mapping[str, Errors]]) -> tuple[str, ...]:
     judged, own = after.statistics.rms, trained.statistics.rms
     if judged <= _OPTIMISM * own:
         return ()
+    few = _few(after)
+    if few is not None:
+        count, others = few
+        return (
+            f"{where_judged(name)} the error ({judged:.3g} {after.unit} rms) is made by {plural(count, 'pose')} alone; "
+            f"the others have {others:.3g} {after.unit}: look at what was measured there before anything else",
+        )
     return (
         f"{where_judged(name)} the error ({judged:.3g} {after.unit} rms) is {judged / own:.2g} times that on the "
         f"training poses ({own:.3g} {after.unit}): more poses would help",
@@ -127,6 +138,20 @@ def _without(errors: Errors, poses: Collection[int]) -> Errors:
         point=errors.point[kept],
         rotations=None if turns is None else turns[kept],
     )
+
+
+def _few(errors: Errors) -> tuple[int, float] | None:
+    """How many poses, and the rms of the others, where few poses make most of the error; None where all do."""
+    squares = np.sort(_per_pose(errors))
+    for count in range(1, max(int(_FEW * len(squares)), 1) + 1):
+        rest = squares[:-count]
+        if (
+            len(rest) >= _ENOUGH
+            and squares[-count] > _APART**2 * np.median(rest)
+            and np.mean(rest) < np.mean(squares) / 4
+        ):
+            return count, float(np.sqrt(np.mean(rest)))
+    return None
 
 
 def _per_pose(errors: Errors) -> Array:

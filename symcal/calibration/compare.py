@@ -51,7 +51,7 @@ def cross_validate(
         mask = np.zeros(len(data), dtype=bool)
         mask[held_out] = True
         labelled = replace(data, split=tuple("test" if out else "train" for out in mask))
-        result = refine(calibrate(model, baseline, labelled, options), labelled)
+        result = refine(calibrate(model, baseline, labelled, options, mistakes=()), labelled)
         for name, state in result.states.items():
             found = evaluate(state, data.take(held_out))
             parts.setdefault(name, []).append(replace(found, pose=held_out[found.pose]))

@@ -19,6 +19,7 @@ from symcal.calibration.evidence import Evidence, Lack
 from symcal.calibration.foretold_errors import foremost, open_errors, uncalibrated
 from symcal.calibration.implausible import implausible, large_terms
 from symcal.calibration.left_out import left_out
+from symcal.calibration.mistakes.mistake import mistake_facts
 from symcal.calibration.outliers import outlier_facts
 from symcal.calibration.tolerance import Tolerance
 from symcal.calibration.tolerance_rules import GROSS
@@ -95,19 +96,34 @@ def decide_alone(calibration: Calibration, data: Dataset, options: Options) -> D
     if "test" in data.split:
         with suppress(RefusedError):  # what judges has read nothing there
             errors["test"] = compare(calibration, data.part("test"))
-    return decide_run(calibration, data, errors, {"outliers": outlier_facts(calibration.outliers)}, options)
+    facts = {"outliers": outlier_facts(calibration.outliers), "mistakes": mistake_facts(calibration.mistakes)}
+    return decide_run(calibration, data, errors, facts, options)
 
 
 def decide_validation(
-    robot: Robot, before: State, errors: Mapping[str, Errors], q: Array, tolerance: Tolerance | None
+    robot: Robot,
+    before: State,
+    errors: Mapping[str, Errors],
+    q: Array,
+    content: Mapping[str, Any],
+    tolerance: Tolerance | None = None,
 ) -> Decision:
     """The decision about a calibrated robot by new measurements alone.
 
     Args:
         before: of the nominal robot. errors: `before` and `after`, of the new measurements at poses q, shape (N, dof).
+        content: of results.json; its `mistakes` and `halves` are looked at.
     """
     trouble = "" if robot.record is None else str(robot.record.provenance.get("trouble") or "")
-    return decide(Evidence({"test": errors}, trouble, implausible(robot), uncalibrated(before, q)), tolerance)
+    found = Evidence(
+        {"test": errors},
+        trouble,
+        implausible(robot),
+        uncalibrated(before, q),
+        mistakes=content.get("mistakes", ()),
+        halves=content.get("halves"),
+    )
+    return decide(found, tolerance)
 
 
 def with_decision(calibration: Calibration, decision: Decision) -> Calibration:

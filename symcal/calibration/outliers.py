@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from symcal.calibration.evaluate import without_rigid_motion
 from symcal.data.dataset import Dataset
 from symcal.fit.deletion import Judged, Pile, judged, piles, without
-from symcal.fit.estimation import Fit
+from symcal.fit.estimation import Fit, Options, fit
 from symcal.fit.noise import known_sigma, spread_of
 from symcal.fit.residual_rows import rows_of
 from symcal.fit.whitened import Whitened, whitened
@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 
 _CROWD = 0.2  # share of the poses from which they may be too many to be slips
 _STANDS_OUT = 4.0  # medians: a residual larger than this is one slip that spoils the others
+_DRAGGING = 4  # poses at most that may draw an estimate away from the others
+_LINEAR = 1.2  # times what linear rows promise of the others' rms without the outliers
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +36,7 @@ class Outlier:
     same over their noise per axis.
     weight: with which it counted. parameter, sigmas: of what the estimate would be without it, the parameter that
     changes most for its standard deviation, and by how many; tool_mm: rms change of the tool over the training poses.
+    split: of which poses it is.
     """
 
     pose: str
@@ -48,6 +51,7 @@ class Outlier:
     parameter: str
     sigmas: float
     tool_mm: float
+    split: str = "train"
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,10 +65,16 @@ class Crowd:
 
 @dataclass(frozen=True, slots=True)
 class StandingOut:
-    """listed: outliers, the furthest first, group by group. crowds: where there are too many of them."""
+    """listed: outliers, the furthest first, group by group. crowds: where there are too many of them.
+
+    scales: rms of the other readings over their noise, by group. dragged: outliers have drawn the estimate so far that
+    others had to be judged beside an estimate without them.
+    """
 
     listed: tuple[Outlier, ...] = ()
     crowds: tuple[Crowd, ...] = ()
+    scales: Mapping[str, float] = field(default_factory=dict)
+    dragged: bool = False
 
 
 def outliers(model: Model, data: Dataset, after: Fit, prior_mean: Array) -> StandingOut:
@@ -81,21 +91,96 @@ def outliers(model: Model, data: Dataset, after: Fit, prior_mean: Array) -> Stan
     ).decorrelated()
     system = whitened(rows, after.free, np.zeros(len(after.x)), prior_mean)
     known = known_sigma(rows, {name: s for name, s in after.sigmas.items() if name not in after.estimated})
-    beforehand = system.known_rows(after.x, after.every_factor)
-    given = piles(system, after.x, known)
-    there = [p for p in given if p.there.any()]
+    there, every, dragged = _judged_where_linear(system, known, after)
     sigmas = {p.group.name: float(after.sigmas.get(p.group.name, 1.0)) for p in there}
     listed: list[Outlier] = []
     crowds: list[Crowd] = []
     changes = _Changes(model, data, after, system, spread_of(rows, known, after.sigmas, after.weights))
-    for pile, found in zip(there, judged(tuple(there), beforehand, sigmas, after.loss), strict=True):
+    for pile, found in zip(there, every, strict=True):
         crowd = _crowd(pile, found, sigmas[pile.group.name])
         if crowd is not None:
             crowds.append(crowd)
         else:
             worst = np.flatnonzero(found.bad)[np.argsort(-found.test[found.bad], kind="stable")]
             listed += [_outlier(changes, pile, found, int(i)) for i in worst]
-    return StandingOut(tuple(listed), tuple(crowds))
+    scales = {pile.group.name: found.scale for pile, found in zip(there, every, strict=True)}
+    return StandingOut(tuple(listed), tuple(crowds), scales, dragged)
+
+
+def _judged_where_linear(
+    system: Whitened, known: Array, after: Fit
+) -> tuple[tuple[Pile, ...], tuple[Judged, ...], bool]:
+    """The readings of every group as judged by the good ones where their rows are linear: about the estimate, else
+    about that without the furthest poses. And whether the estimate had to be left.
+
+    A gross outlier draws an estimate of known noise so far off that its rows say nothing of the others any more.
+    """
+    sigmas = {name: float(sigma) for name, sigma in after.sigmas.items()}
+
+    def at(x: Array) -> tuple[tuple[Pile, ...], tuple[Judged, ...]]:
+        there = tuple(p for p in piles(system, x, known) if p.there.any())
+        own = {p.group.name: sigmas.get(p.group.name, 1.0) for p in there}
+        return there, judged(there, system.known_rows(x, after.every_factor), own, after.loss)
+
+    there, every = at(after.x)
+    first, x, nominal = (there, every), after.x, np.zeros_like(after.x)
+    gone: list[int] = []
+    while any(found.bad.any() for found in every):
+        if not _many(there, every) and _linear(system, known, there, every, x):
+            return there, every, bool(gone)
+        if len(gone) >= _DRAGGING or (not gone and not _dominated(there, every)):
+            return (*first, False)
+        left = [
+            (float(found.test[i]), int(pile.pose[i]))
+            for pile, found in zip(there, every, strict=True)
+            for i in np.flatnonzero(found.bad)
+            if pile.pose[i] not in gone
+        ]
+        if not left:
+            return (*first, False)
+        gone.append(max(left)[1])
+        seen = system.rows.seen.copy()
+        seen[gone] = False
+        given = {name: sigma for name, sigma in sigmas.items() if name not in after.estimated}
+        options = Options(sigma=given)
+        again = fit(
+            replace(system.rows, seen=seen), after.free, options, prior_mean=system.prior_mean, nested=(nominal,)
+        )
+        x = again.x
+        there, every = at(x)
+    return there, every, bool(gone)
+
+
+def _many(there: Sequence[Pile], every: Sequence[Judged]) -> bool:
+    """Whether more poses stand out than are slips."""
+    bad = {int(i) for pile, found in zip(there, every, strict=True) for i in pile.pose[found.bad]}
+    return len(bad) > _CROWD * len({int(i) for pile in there for i in pile.pose[pile.there]})
+
+
+def _dominated(there: Sequence[Pile], every: Sequence[Judged]) -> bool:
+    """Whether one reading is so far off that it may have drawn the estimate away from all others."""
+    return any(
+        float(found.test.max()) >= _STANDS_OUT**2 * float(np.median(found.test[pile.there]))
+        for pile, found in zip(there, every, strict=True)
+    )
+
+
+def _linear(system: Whitened, known: Array, there: Sequence[Pile], every: Sequence[Judged], x: Array) -> bool:
+    """Whether the good readings are left as their rows promise when the bad ones are left out."""
+    step = every[0].y
+    moved = x.copy()
+    moved[system.index] += system.scales * step
+    again = tuple(p for p in piles(system, moved, known) if p.there.any())
+    return _squares(again, every, np.zeros_like(step)) <= _LINEAR**2 * _squares(there, every, step)
+
+
+def _squares(given: Sequence[Pile], every: Sequence[Judged], y: Array) -> float:
+    """Squares of the good readings over their noise, at a step from where their rows are."""
+    total = 0.0
+    for pile, found in zip(given, every, strict=True):
+        rows = pile.white(found.sigma)[~found.bad]
+        total += float(np.sum((rows @ np.append(y, 1.0)) ** 2))
+    return total
 
 
 def _crowd(pile: Pile, found: Judged, sigma: float) -> Crowd | None:

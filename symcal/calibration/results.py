@@ -18,6 +18,7 @@ import numpy as np
 from symcal.calibration.calibrate import Calibration
 from symcal.calibration.evaluate import Errors, Statistics, statistics
 from symcal.calibration.held_out_places import held_out_places
+from symcal.calibration.mistakes.mistake import mistake_facts
 from symcal.calibration.outliers import outlier_facts
 from symcal.calibration.place_results import frame_facts, known_facts, length_facts, settled_facts
 from symcal.data.dataset import Dataset
@@ -259,6 +260,7 @@ def calibration_facts(calibration: Calibration, held_out: Dataset | None = None)
         "identifiability": identifiability_facts(after.identifiability) | {"length": length_facts(calibration)},
         "identification": identification_facts(after, model.measurement, state.unplaced)
         | {"loss_choice": None if choice is None else choice.facts},
+        "mistakes": mistake_facts(calibration.mistakes),
         "outliers": outlier_facts(calibration.outliers),
         "starts": {name: {"agreed": n, "starts": of} for name, (n, of) in calibration.searches.items()},
         "frames": frame_facts(model, model.moved(found.state.setup, after.x), found.unknown),

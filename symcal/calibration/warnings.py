@@ -8,14 +8,15 @@ from numpy.typing import NDArray
 from symcal.calibration.length import unseen_length
 from symcal.calibration.odd_values import odd_values
 from symcal.calibration.outliers import StandingOut
+from symcal.calibration.plausibility import about_centre, first_quantity, size_of, who_of
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Fit
 from symcal.fit.residual_rows import rows_of
 from symcal.fit.robust import Loss
 from symcal.model.measurement import Part
-from symcal.model.model import Model, State
-from symcal.placing.registration import LEVER
+from symcal.model.model import Model
+from symcal.words import plural
 
 Array = NDArray[np.float64]
 
@@ -24,86 +25,14 @@ _WRONG_NOISE = 1.5  # residuals over stated noise
 _LARGER = 3.0  # factor on the plausible sizes that a reader is told
 _ADRIFT = 30.0  # scales: a sigma beyond is more than what any parameter of the links may hide
 _NAMED = 5
+_SLIPS = 0.1  # of the poses: so few that spoil an identification are named alone
 _NONSENSE = 0.1  # of the robot's length
 _NOT_TOUCHING = 0.005  # of the robot's length, after the identification
 _NONSENSE_TURN = np.deg2rad(20.0)
-_FAR = 0.03  # of the robot's length: postures that touch one thing are rarely so far from it by nominal kinematics
 _GROWN = 5.0  # of its plausible size: a growth of all lengths beyond is no calibration
 _LEAST_GROWN = 0.01
 _TOLD = 0.3  # of its plausible size: a growth that is known better is news to nobody
 _UNEVEN = 5.0  # times: contacts of one ball are about as good everywhere
-
-
-def plausibility(data: Dataset, before: State) -> tuple[str, ...]:
-    """What the nominal robot with fitted frames says about units, joint order and signs."""
-    model = before.model
-    r = rows_of(model.measurement, data, before.setup, model.residuals).residual(before.x)
-    return tuple(note for part in model.measurement.parts for note in _plausible(model, data, part, r))
-
-
-def _plausible(model: Model, data: Dataset, part: Part, r: Array) -> list[str]:
-    found = _first_quantity(part, data, r)
-    if found is None:
-        return []
-    position, measured, unit = found
-    error, spread, reach = (
-        float(np.sqrt(np.mean(np.sum(values**2, axis=1))))
-        for values in (position, _about_centre(measured), _about_centre(measured + position))
-    )
-    kind, who = part.observation.instrument, _who(model, part)
-    if kind.constrains:
-        return _missed(who, error, _size(model, data))
-    small = reach > 1.0 and 0 < spread < reach / 30
-    large = spread > 30 * max(reach, 1.0) or spread > 30 * max(_size(model, data), LEVER)  # a tool of any length fits
-    if unit == "mm" and (small or large):
-        raise RefusedError(
-            f"{who}the measured {'points' if kind.gives_point else kind.label} spread over {spread:.3g} mm, the "
-            f"robot's over {min(reach, _size(model, data)):.3g} mm: the measurements are not in the unit that their "
-            "columns name"
-        )
-    extent = max(reach, LEVER if kind.reads == "frame" else 1.0)
-    if error > 0.1 * extent:
-        return [
-            f"{who}nominal kinematics with fitted frames is off by {error:.4g} {unit} rms, {error / extent:.0%} of the "
-            "measured spread: check the order, units and signs of the joint columns, and the robot file"
-        ]
-    return []
-
-
-def _missed(who: str, error: float, size: float) -> list[str]:
-    """What is said where postures that touch one thing are far from it by nominal kinematics."""
-    if error < _FAR * size:
-        return []
-    return [
-        f"{who}by nominal kinematics the postures miss what they touch by {error:.4g} mm rms, {error / size:.0%} of "
-        "the robot's length: check the order, units and signs of the joint columns, which posture touched what, and "
-        "the robot file"
-    ]
-
-
-def _who(model: Model, part: Part) -> str:
-    """Whose measurements they are, where there are several instruments."""
-    return f"{part.observation.name}: " if len(model.measurement.parts) > 1 else ""
-
-
-def _first_quantity(part: Part, data: Dataset, r: Array) -> tuple[Array, Array, str] | None:
-    """Residuals and readings of the first quantity, shape (k, d) each, of what was seen, and their unit.
-
-    None where nothing was seen, or where readings are no numbers that residuals could be compared with.
-    """
-    kind = part.observation.instrument
-    quantity = kind.quantities[0]
-    columns = kind.columns[: quantity.size]
-    if any(unit != quantity.unit for _, unit in columns):
-        return None
-    rows = r[:, part.components].reshape(len(data) * part.features, -1)[:, : quantity.size]
-    measured = data.z[:, part.readings].reshape(len(data) * part.features, -1)[:, : quantity.size]
-    seen = np.isfinite(measured).all(axis=1)
-    return (rows[seen], measured[seen], quantity.unit) if seen.any() else None
-
-
-def _about_centre(points: Array) -> Array:
-    return np.asarray(points - points.mean(axis=0))
 
 
 def quality(model: Model, data: Dataset, after: Fit, odd: StandingOut) -> tuple[str, ...]:
@@ -115,7 +44,7 @@ def quality(model: Model, data: Dataset, after: Fit, odd: StandingOut) -> tuple[
     Raises:
         RefusedError: the identified model does not explain the measurements at all.
     """
-    _refuse_nonsense(model, data, after)
+    _refuse_nonsense(model, data, after, odd)
     notes = []
     learnt = after.equations - after.dof
     if after.dof < 2 * learnt:
@@ -127,7 +56,8 @@ def quality(model: Model, data: Dataset, after: Fit, odd: StandingOut) -> tuple[
     if not after.converged:
         notes.append(f"the identification did not converge: {after.trouble}")
     notes += outlier_notes(odd, after.loss)
-    if after.factor > _LARGER:
+    spoilt = odd.dragged and bool(odd.listed)  # by outliers: what follows from them is no news
+    if after.factor > _LARGER and not spoilt:
         notes.append(
             f"the errors of this robot are about {after.factor:.2g} times as large as their plausible sizes: the robot "
             "file is further off than stated, or the model lacks something and the parameters make up for it"
@@ -141,13 +71,15 @@ def quality(model: Model, data: Dataset, after: Fit, odd: StandingOut) -> tuple[
         if name in model.robot.link_parameters  # the sizes of joint terms come from the data
         and abs(errors[name]) > _ABSURD * model.parameters.items[model.parameters.index(name)].scale
     ]
-    if large:
+    if large and not spoilt:
         notes.append(
             f"corrections of {', '.join(large)} are more than {_ABSURD:.0f} times their plausible scale: check signs, "
             "units and zero positions, or give larger 'scales'"
         )
     for name, (squares, dof) in after.by_group.items():
         factor = float(np.sqrt(squares / dof)) if dof > 1 and name not in after.estimated else 1.0
+        if odd.listed and factor > 1:
+            factor = min(factor, max(odd.scales.get(name, factor), 1.0))
         if factor > _WRONG_NOISE or factor < 1 / _WRONG_NOISE:
             notes.append(
                 f"{name} residuals are {factor:.3g} times the stated noise: the noise is stated too "
@@ -219,18 +151,26 @@ def _adrift(model: Model, after: Fit) -> list[str]:
     ]
 
 
-def _refuse_nonsense(model: Model, data: Dataset, after: Fit) -> None:
+def _refuse_nonsense(model: Model, data: Dataset, after: Fit, odd: StandingOut) -> None:
     """Wrong units, signs and joint order leave errors of the robot's own size; medians, so that a slip is no reason."""
     r = rows_of(model.measurement, data, after.setup, model.residuals).residual(after.x)
     for part in model.measurement.parts:
         wrong = _nonsense(model, data, part, r)
         if not wrong:
             continue
+        slips = list(dict.fromkeys(each.pose for each in odd.listed)) if odd.dragged else []
+        if slips and len(slips) <= _SLIPS * len(data):
+            raise RefusedError(
+                f"{who_of(model, part)}{plural(len(slips), 'pose')} ({', '.join(slips[:_NAMED])}) "
+                f"{'spoils' if len(slips) == 1 else 'spoil'} the identification: "
+                f"{odd.listed[0].off:.4g} {odd.listed[0].unit} from where all others put {odd.listed[0].pose}: measure "
+                "again, leave out, or use 'loss: auto'"
+            )
         frames = part.observation.instrument.reads == "frame"
         pose = ", the order x, y, z, w of the quaternion, 'invert' or 'reports' (whose pose it is)" if frames else ""
         read = "which posture touched what" if part.observation.instrument.constrains else "the unit of the measurement"
         raise RefusedError(
-            f"{_who(model, part)}even after the identification half of the poses are off by more than "
+            f"{who_of(model, part)}even after the identification half of the poses are off by more than "
             f"{' and '.join(wrong)}: these are not measurements of this robot as it is described; check units, signs "
             f"and order of the joint columns, {read}{pose}, and the robot file"
             + "".join(f"; {note}" for note in data.notes[:3])
@@ -239,13 +179,13 @@ def _refuse_nonsense(model: Model, data: Dataset, after: Fit) -> None:
 
 def _nonsense(model: Model, data: Dataset, part: Part, r: Array) -> list[str]:
     wrong = []
-    found = _first_quantity(part, data, r)
+    found = first_quantity(part, data, r)
     if found is not None:
         position, measured, unit = found
         error = float(np.median(np.linalg.norm(position, axis=1)))
-        spread = float(np.median(np.linalg.norm(_about_centre(measured), axis=1)))
+        spread = float(np.median(np.linalg.norm(about_centre(measured), axis=1)))
         much = _NOT_TOUCHING if part.observation.instrument.constrains else _NONSENSE
-        if error > spread / 4 and (unit != "mm" or error > much * _size(model, data)):
+        if error > spread / 4 and (unit != "mm" or error > much * size_of(model, data)):
             of = f" (the measured points spread over {spread:.4g} {unit})" * (
                 not part.observation.instrument.constrains
             )
@@ -262,11 +202,6 @@ def _nonsense(model: Model, data: Dataset, part: Part, r: Array) -> list[str]:
             if turn > _NONSENSE_TURN:
                 wrong.append(f"{np.rad2deg(turn):.3g} deg")
     return wrong
-
-
-def _size(model: Model, data: Dataset) -> float:
-    """The nominal robot's length: links, strokes in these data, tool; mm."""
-    return float(model.robot.length(data.q) + np.linalg.norm(model.robot.tool[:3, 3]))
 
 
 def outlier_notes(found: StandingOut, loss: Loss) -> list[str]:

@@ -20,7 +20,7 @@ from symcal import spatial
 from symcal.data.conditions import condition_columns, of_postures, read_conditions
 from symcal.data.dataset import Dataset, Readings
 from symcal.data.layout import Layout
-from symcal.data.notes import notes, unread
+from symcal.data.notes import notes, refuse_more_joints, unread
 from symcal.data.split import Split as Split
 from symcal.data.split import splits
 from symcal.documents.table import Table, joint_readings
@@ -90,7 +90,8 @@ def load_measurements(
     if reads.constrains and "pose" not in table.columns:  # a posture touches one thing, and none here is called by name
         data = replace(data, labels=tuple(f"{data.only.name} {label}" for label in data.labels))
     passed = {*known, *(layout.where or {}), *(c for n in layout.columns.values() if not isinstance(n, str) for c in n)}
-    return replace(data, notes=(*notes(data, robot), *unread(table, passed, expected)))
+    more = refuse_more_joints(table, passed, robot)
+    return replace(data, notes=(*notes(data, robot), *more, *unread(table, passed, expected)))
 
 
 def _measured_stems(table: Table, kind: Instrument, expected: tuple[str, ...]) -> tuple[str, ...]:

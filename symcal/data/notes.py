@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection
 from difflib import get_close_matches
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from symcal.data.dataset import Dataset
 from symcal.documents.table import Table
+from symcal.errors import InputError
 from symcal.robot.robot import Robot
 from symcal.units import split_unit
 from symcal.words import plural
@@ -90,6 +92,29 @@ def _left_out(data: Dataset) -> list[str]:
     unused = data.split.count("unused")
     if unused:
         found.append(f"{plural(unused, 'pose')} with a split label that is neither train nor test: not used")
+    return found
+
+
+def refuse_more_joints(table: Table, known: Collection[str], robot: Robot) -> list[str]:
+    """What is said of joint columns `q7_deg` beyond the robot's last joint that never move.
+
+    Raises:
+        InputError: one that moves: the file is of another robot, or the robot file lacks a joint.
+    """
+    found = []
+    for column in table.columns:
+        stem = split_unit(column)[0]
+        if stem in known or not re.fullmatch(r"q\d+", stem) or int(stem[1:]) <= robot.dof:
+            continue
+        if len(set(table.text(column))) > 1:
+            raise InputError(
+                f"the robot has {plural(robot.dof, 'joint')}, and this is a column of another one, which moves: the "
+                "file is of another robot, or the robot file lacks a joint; rename the column if it is none",
+                file=table.path,
+                line=table.head_line,
+                column=column,
+            )
+        found.append(f"column '{column}' is not read: the robot has {plural(robot.dof, 'joint')}, and it never changes")
     return found
 
 

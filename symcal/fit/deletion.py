@@ -79,13 +79,16 @@ class Judged:
     """Readings of a group, judged by the others.
 
     off: e, shape (K, d), mm, rad or px. sigma: the noise of the others. test: T / (d s^2), shape (K,); zero where
-    nothing was measured. bad: whether chance does not explain it.
+    nothing was measured. bad: whether chance does not explain it. scale: rms of the good ones over their noise, with
+    what was learnt from them taken off. y: the estimate by the good ones of all groups, from where the rows are, (n,).
     """
 
     off: Array
     sigma: float
     test: Array
     bad: Mask
+    scale: float
+    y: Array
 
 
 def piles(system: Whitened, x: Array, known: Array) -> tuple[Pile, ...]:
@@ -181,19 +184,19 @@ def _by_good(
         test = np.sum(r * inside, axis=1)
         off = np.where(own[:, None], inside, r)
         size = np.maximum(pile.size, 1)
+        dof = int(pile.size[own].sum()) - float(np.einsum("nii->n", hat)[own].sum())
+        squares = float(np.sum(r[own] ** 2))
+        scale = float(np.sqrt(squares / max(dof, 1.0)))
         if np.isfinite(pile.known[pile.seen]).all():
-            chances, scale = chi2.sf(test, size), 1.0
-            ratio = test / size
+            chances, ratio, grown = chi2.sf(test, size), test / size, 1.0
         else:
-            dof = int(pile.size[own].sum()) - float(np.einsum("nii->n", hat)[own].sum())
-            squares = float(np.sum(r[own] ** 2))
-            scale = float(np.sqrt(squares / max(dof, 1.0)))
+            grown = scale
             fewer = np.where(own, dof - size, dof)
             rest = np.where(own, squares - test, squares) / np.maximum(fewer, 1.0)
             ratio = test / size / np.maximum(rest, 1e-300)
             chances = np.where(fewer > 0, f.sf(ratio, size, np.maximum(fewer, 1.0)), 1.0)
-        new = max(sigma * scale, pile.group.floor)
+        new = max(sigma * grown, pile.group.floor)
         spread = np.where(np.isfinite(pile.known), pile.known, sigma)
         bad = pile.there & (chances < chance)
-        out.append(Judged(off * spread, new, np.where(pile.there, ratio, 0.0), bad))
+        out.append(Judged(off * spread, new, np.where(pile.there, ratio, 0.0), bad, scale, y[:-1]))
     return tuple(out)

@@ -116,9 +116,24 @@ def placed_by(model: Model, data: Dataset) -> tuple[str, ...]:
     read = [
         o for part, o in zip(model.measurement.parts, model.task.observations, strict=True) if part.seen(data.z).any()
     ]
-    of_read = {name for o in read for name in o.names}
+    of_read = {name for o in read for name in o.names} - _untold_points(model, data)
     of_others = {name for o in model.task.observations for name in o.names} - of_read
     return tuple(name for name in model.placement if name not in of_others)
+
+
+def _untold_points(model: Model, data: Dataset) -> set[str]:
+    """Coordinates of unknown points of which these data have no reading."""
+    known: dict[str, bool] = {}
+    for part, o in zip(model.measurement.parts, model.task.observations, strict=True):
+        if o.instrument.reads != "points":
+            continue
+        there = part.seen(data.z).reshape(len(data), part.features, -1)
+        for k, point in enumerate(o.features):
+            seen = bool(there[:, k].any())
+            if point in o.target.unknown_points:
+                for name in o.target.coordinates(point):
+                    known[name] = known.get(name, False) or seen
+    return {name for name, seen in known.items() if not seen}
 
 
 def stated(model: Model, setup: Setup) -> Array:

@@ -42,7 +42,7 @@ def outliers_text(content: Content) -> dict[str, Any] | None:
 def _row(each: Mapping[str, Any], several: bool) -> list[str]:
     read = " ".join(part for part in (each["instrument"] if several else each["quantity"], each["point"]) if part)
     return [
-        each["pose"],
+        each["pose"] + (" (test)" if each.get("split") == "test" else ""),
         read,
         f"{number(each['off'])} {each['unit']}",
         number(each["noises"]),

@@ -20,7 +20,10 @@ from symcal.calibration.extend import calibrate_extended, planned_model, shrinki
 from symcal.calibration.extension_facts import extension_facts
 from symcal.calibration.gross import gross_alone
 from symcal.calibration.halves import Halves
+from symcal.calibration.held_out_outliers import held_out_notes, held_out_outliers
 from symcal.calibration.judgement import decide_run, with_decision
+from symcal.calibration.mistakes.mistake import mistake_facts
+from symcal.calibration.mistakes.moved import moved_between
 from symcal.calibration.model_check import ModelCheck, lacks_physics, model_check
 from symcal.calibration.model_words import model_check_facts, model_warnings
 from symcal.calibration.outliers import outlier_facts
@@ -34,6 +37,7 @@ from symcal.images.entries import EntryImages
 from symcal.images.facts import camera_facts, point_facts
 from symcal.images.rendered_boards import RenderedBoards
 from symcal.images.run import AGAINST, ERROR, ImageRun, run_images
+from symcal.placing.placement import settled
 from symcal.planning.drive_plan import Planned, find_plan, plan_generator
 from symcal.planning.forecast_check import forecast_check
 from symcal.planning.plan_problem import plan_problem
@@ -109,7 +113,9 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     count = experiment.file.validation.folds
     if count is None:
         count = 0 if "test" in measured.split else 5
-    notes = [*notes, *_spelling(experiment.file), *measured.notes, *parallel_axes(experiment.robot), *calibration.notes]
+    told = [each.text for each in calibration.mistakes]
+    said = [note for note in calibration.notes if note not in told]
+    notes = [*told, *notes, *_spelling(experiment.file), *measured.notes, *parallel_axes(experiment.robot), *said]
     if count:
         progress(f"cross-validating in {count} folds")
         used = measured.take(np.array([s != "unused" for s in measured.split]))
@@ -125,6 +131,7 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     notes += worse(instruments)
     content = _content(experiment, measured, inputs, calibration, errors, notes)
     check, calibration = _with_check(content, calibration, measured, experiment)
+    _judge_test_poses(content, calibration, measured)
     halves = with_halves(content, calibration, measured, experiment, _area(experiment))
     content["instruments"] = instruments
     content["extension"] = extension_facts(calibration.extension)
@@ -250,6 +257,18 @@ def _decided(
     )
     content["decision"] = decision.facts
     return with_decision(calibration, decision)
+
+
+def _judge_test_poses(content: dict[str, Any], calibration: Calibration, data: Dataset) -> None:
+    """Slips among the test poses, and an instrument that was moved before them, added to the content."""
+    if "test" not in data.split:
+        return
+    test = data.part("test")
+    moved = moved_between(settled(calibration.states["after"], test), test)
+    content["mistakes"] += mistake_facts(moved)
+    odd = () if moved else held_out_outliers(calibration, test)
+    content["outliers"] += outlier_facts(odd)
+    content["warnings"] = [*(each.text for each in moved), *content["warnings"], *held_out_notes(odd)]
 
 
 def _handover(experiment: Experiment, calibration: Calibration, truth: Robot, rng: np.random.Generator) -> Handover:

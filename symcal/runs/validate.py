@@ -14,6 +14,8 @@ from symcal.calibration import results
 from symcal.calibration.calibrate import place
 from symcal.calibration.evaluate import Errors, evaluate
 from symcal.calibration.judgement import decide_validation
+from symcal.calibration.mistakes.mistake import mistake_facts
+from symcal.calibration.mistakes.moved import moved_between
 from symcal.calibration.record import recorded_task
 from symcal.calibration.tolerance import Tolerance
 from symcal.data.dataset import Dataset, merged
@@ -88,20 +90,22 @@ def validate_robot(
         judged[name] = _state(model, subject, new, refit)
         found = evaluate(judged[name], new)
         errors[name] = replace(found, fitted=len(model.placement)) if refit else found
+    moved = () if refit else moved_between(judged["after"], new)
     task = _of_these(task, instrument, names, sessions)
     content = {
         **results.header(robot.name, f"Validation of {robot.name}", 0, (calibrated, data), Path.cwd()),
         "robot": results.robot_facts(robot),
         "measurement": results.measurement_facts(task, {"test": len(new)})
         | {"refit": list(refit), "estimate": _found_in_training(robot)},
-        "warnings": list(new.notes),
+        "mistakes": mistake_facts(moved),
+        "warnings": [*(each.text for each in moved), *new.notes],
         "accuracy": {"test": results.accuracy_facts(errors)},
-        "decision": decide_validation(robot, judged["before"], errors, new.q, tolerance).facts,
         "against": results.against(task),
     }
     progress("calibrating again from these alone")
     before = _of_these(recorded_task(robot.record.provenance, "before", calibrated), instrument, names, sessions)
     with_second(content, robot, before, new, refit, sessions, judged["after"].setup)
+    content["decision"] = decide_validation(robot, judged["before"], errors, new.q, content, tolerance).facts
     if out is not None:
         with run_folder(out, (calibrated, data)) as folder:
             write_json(folder / "results.json", content)
@@ -166,10 +170,12 @@ def _check_placed(robot: Robot, names: Sequence[str], refit: tuple[str, ...]) ->
     for name in names:
         own = record.get(name, {})
         for thing in dict.fromkeys(parameter.rpartition("_")[0] for parameter in own.get("unplaced", [])):
-            if not {thing, own["entry"]} & set(refit):
+            point = thing not in (own["names"]["place"], own["target"]["name"])
+            if not {thing, own["entry"], *(["points"] if point else [])} & set(refit):
+                wanted = "points" if point else own["entry"]
                 message = (
                     f"where '{thing}' stands no training pose told: fit it to these measurements with "
-                    f"'--refit {own['entry']}', which then judge the kinematics and not where the robot stands"
+                    f"'--refit {wanted}', which then judge the kinematics and not where the robot stands"
                 )
                 raise InputError(message, key="--refit")
 

@@ -1,0 +1,1 @@
+"""Gross mistakes between the robot file and the measurements: the small finite set of what commonly goes wrong."""

@@ -18,15 +18,8 @@ from symcal.calibration.compensation_check import POSES, Handover, hand_over
 from symcal.calibration.evaluate import Errors, evaluate_each, expected_position_rms, judging
 from symcal.calibration.extend import calibrate_extended, planned_model, shrinking, with_directions
 from symcal.calibration.extension_facts import extension_facts
-from symcal.calibration.gross import gross_alone
 from symcal.calibration.halves import Halves
-from symcal.calibration.held_out_outliers import held_out_notes, held_out_outliers
-from symcal.calibration.judgement import decide_run, with_decision
-from symcal.calibration.mistakes.mistake import mistake_facts
-from symcal.calibration.mistakes.moved import moved_between
-from symcal.calibration.model_check import ModelCheck, lacks_physics, model_check
-from symcal.calibration.model_words import model_check_facts, model_warnings
-from symcal.calibration.outliers import outlier_facts
+from symcal.calibration.model_check import ModelCheck
 from symcal.calibration.remainder import refined, remainder_facts, with_remainder
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, RenderedData, SimulatedData
@@ -37,14 +30,13 @@ from symcal.images.entries import EntryImages
 from symcal.images.facts import camera_facts, point_facts
 from symcal.images.rendered_boards import RenderedBoards
 from symcal.images.run import AGAINST, ERROR, ImageRun, run_images
-from symcal.placing.placement import settled
 from symcal.planning.drive_plan import Planned, find_plan, plan_generator
 from symcal.planning.forecast_check import forecast_check
 from symcal.planning.plan_problem import plan_problem
 from symcal.robot.robot import Robot
 from symcal.runs.check import parallel_axes
 from symcal.runs.data import measurements
-from symcal.runs.halves import with_halves
+from symcal.runs.judged import area_of, decided, judge_test_poses, with_check, with_halves
 from symcal.runs.load import Experiment
 
 Array = NDArray[np.float64]
@@ -130,13 +122,13 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     instruments = results.instrument_facts(experiment.model.task, by_instrument)
     notes += worse(instruments)
     content = _content(experiment, measured, inputs, calibration, errors, notes)
-    check, calibration = _with_check(content, calibration, measured, experiment)
-    _judge_test_poses(content, calibration, measured)
-    halves = with_halves(content, calibration, measured, experiment, _area(experiment))
+    check, calibration = with_check(content, calibration, measured, experiment)
+    judge_test_poses(content, calibration, measured)
+    halves = with_halves(content, calibration, measured, experiment, area_of(experiment))
     content["instruments"] = instruments
     content["extension"] = extension_facts(calibration.extension)
-    content["remainder"] = remainder_facts(calibration, np.random.default_rng(experiment.seed), _area(experiment))
-    calibration = _decided(content, calibration, measured, errors, experiment)
+    content["remainder"] = remainder_facts(calibration, np.random.default_rng(experiment.seed), area_of(experiment))
+    calibration = decided(content, calibration, measured, errors, experiment)
     content["controller"] = correction_facts(calibration.robot)
     content["compensation"] = None if handover is None else handover_facts(handover)
     if found.images:
@@ -169,13 +161,6 @@ def _calibrated(experiment: Experiment, measured: Dataset) -> Calibration:
         raise experiment.document.error(error.message, ("identification", "extend"), found=error.found) from None
 
 
-def _area(experiment: Experiment) -> tuple[Array, Array] | None:
-    """The working area, where the file says one."""
-    if not experiment.file.plan.area:
-        return None
-    return config.area_of(experiment.file, experiment.document, experiment.robot)
-
-
 def _spelling(file: ExperimentFile) -> list[str]:
     """What is said once of a spelling that has a better one."""
     if file.measurement is None or not file.measurement.invert:
@@ -194,14 +179,14 @@ def _with_images(experiment: Experiment, progress: Progress) -> Outcome:
     notes = [*found.notes, *optimism(found.errors)]
     inputs = (experiment.document.path, experiment.robot_path, *found.inputs)
     content = _content(replace(experiment, model=found.model), found.data, inputs, calibration, found.errors, notes)
-    check, calibration = _with_check(content, calibration, found.data, experiment)
-    halves = with_halves(content, calibration, found.data, experiment, _area(experiment))
+    check, calibration = with_check(content, calibration, found.data, experiment)
+    halves = with_halves(content, calibration, found.data, experiment, area_of(experiment))
     content |= found.facts
     content["against"] = AGAINST
     content["measurement"] |= {"error": ERROR, "of_tool": True}  # positions against the truth
     content["measurement"]["poses"]["test"] = len(found.test)
     handover = _handover(experiment, calibration, found.truth, np.random.default_rng(experiment.seed))
-    calibration = _decided(content, calibration, found.data, found.errors, experiment, found.test)
+    calibration = decided(content, calibration, found.data, found.errors, experiment, found.test)
     content["controller"] = correction_facts(calibration.robot)
     content["compensation"] = handover_facts(handover)
     return Outcome(
@@ -217,58 +202,6 @@ def _with_images(experiment: Experiment, progress: Progress) -> Outcome:
         halves,
         found,
     )
-
-
-def _with_check(
-    content: dict[str, Any], calibration: Calibration, data: Dataset, experiment: Experiment
-) -> tuple[ModelCheck, Calibration]:
-    """The check of the model, its facts and warnings added to the content; what the model lacks makes no outliers."""
-    check = model_check(calibration, data, replace(experiment.options, loss=calibration.after.loss))
-    tried = experiment.file.identification.groups
-    content["model_check"] = model_check_facts(check, tried)
-    content["warnings"] += model_warnings(check, tried)
-    if not lacks_physics(check):
-        return check, calibration
-    gross = gross_alone(calibration)
-    said = [note for note in content["warnings"] if note not in calibration.notes or note in gross.notes]
-    content["warnings"] = said + [note for note in gross.notes if note not in said]
-    content["outliers"] = outlier_facts(gross.outliers)
-    return check, gross
-
-
-def _decided(
-    content: dict[str, Any],
-    calibration: Calibration,
-    data: Dataset,
-    errors: Mapping[str, Mapping[str, Errors]],
-    experiment: Experiment,
-    test: Array | None = None,
-) -> Calibration:
-    """The calibration with the decision about it, which is added to the content: by all that is already there."""
-    decision = decide_run(
-        calibration,
-        data,
-        errors,
-        content,
-        experiment.options,
-        config.tolerance_of(experiment.file),
-        _area(experiment),
-        test,
-    )
-    content["decision"] = decision.facts
-    return with_decision(calibration, decision)
-
-
-def _judge_test_poses(content: dict[str, Any], calibration: Calibration, data: Dataset) -> None:
-    """Slips among the test poses, and an instrument that was moved before them, added to the content."""
-    if "test" not in data.split:
-        return
-    test = data.part("test")
-    moved = moved_between(settled(calibration.states["after"], test), test)
-    content["mistakes"] += mistake_facts(moved)
-    odd = () if moved else held_out_outliers(calibration, test)
-    content["outliers"] += outlier_facts(odd)
-    content["warnings"] = [*(each.text for each in moved), *content["warnings"], *held_out_notes(odd)]
 
 
 def _handover(experiment: Experiment, calibration: Calibration, truth: Robot, rng: np.random.Generator) -> Handover:

@@ -31,7 +31,7 @@ from symcal.outputs.whole_file import write_whole
 from symcal.robot.files import load_robot
 from symcal.robot.robot import Robot
 from symcal.runs.folder import require_replaceable, run_folder, write_json
-from symcal.runs.halves import with_second
+from symcal.runs.second import with_second
 
 
 def validate_robot(

@@ -1,4 +1,4 @@
-"""Two calibrations from disjoint measurements in a run's results: halves of its training poses, or new poses alone."""
+"""A second calibration, from new measurements alone, in the results of their validation."""
 
 from __future__ import annotations
 
@@ -9,36 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.calibration.again import calibrated_again
-from symcal.calibration.calibrate import Calibration
-from symcal.calibration.halves import Halves, two_halves
-from symcal.calibration.halves_words import again_facts, again_warnings, halves_facts, halves_warnings
+from symcal.calibration.halves_words import again_facts, again_warnings
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.model.measurement import Setup
 from symcal.model.observation import Observation
 from symcal.model.task import Task
 from symcal.robot.robot import Robot
-from symcal.runs.load import Experiment
 
 Array = NDArray[np.float64]
-
-
-def with_halves(
-    content: dict[str, Any],
-    calibration: Calibration,
-    data: Dataset,
-    experiment: Experiment,
-    area: tuple[Array, Array] | None,
-) -> Halves | None:
-    """Two halves, their facts and warnings added to the content; None where they cannot be compared."""
-    found: Halves | None = None
-    try:
-        found = two_halves(calibration, data, experiment.options, np.random.default_rng(experiment.seed), area)
-        content["halves"] = halves_facts(found)
-        content["warnings"] += halves_warnings(found)
-    except RefusedError as error:
-        content["halves"] = halves_facts(str(error))
-    return found
 
 
 def with_second(

@@ -69,7 +69,8 @@ def observed(name: str) -> dict[str, Any]:
         (terminal.print_study if "simulation_2" in content else terminal.print_accuracy)(content)
     numbers = {part: content[part] for part in _NUMBERS if part in content}
     numbers.get("identifiability", {}).pop("unseen", None)  # a choice of words, and of a basis
-    return json.loads(json.dumps({"table": text.getvalue().splitlines(), **numbers}))
+    decision = content["decision"]["sentence"]
+    return json.loads(json.dumps({"table": text.getvalue().splitlines(), "decision": decision, **numbers}))
 
 
 def differences(golden: Any, found: Any, where: str = "") -> Iterator[str]:

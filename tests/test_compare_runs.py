@@ -231,7 +231,10 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         parameters = {k: {"error": v} for k, v in robot.record.errors.items()}
         own = content | {"identification": content["identification"] | {"parameters": parameters}}
         if name == "june":
-            own["decision"] = {"accepted": False, "reasons": ["held-out error 0.2 mm: above 0.1 mm"]}
+            own["decision"] = {
+                "accepted": False,
+                "reasons": [{"kind": "position", "text": "held-out error 0.2 mm: above 0.1 mm"}],
+            }
         (folder / name / "results.json").write_text(json.dumps(own))
     return folder
 
@@ -356,7 +359,7 @@ def test_runs_that_are_none_are_refused(runs: Path, tmp_path: Path):
     with pytest.raises(RefusedError, match=r"january and .*different robots: 5 joints and 6"):
         compare_runs([runs / "january", tmp_path])
     (tmp_path / "mine.txt").write_text("mine")
-    with pytest.raises(RefusedError, match="no run writes"):
+    with pytest.raises(RefusedError, match=r"holds files and no manifest\.json"):
         compare_runs([runs / "january", runs / "june"], out=tmp_path)
 
 

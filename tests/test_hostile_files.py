@@ -349,4 +349,7 @@ def test_an_output_that_is_full(tmp_path: Path) -> None:
             stderr=subprocess.PIPE,
             text=True,
         )
-    assert (done.returncode, done.stderr) == (1, "symcal: the output cannot be written: No space left on device\n")
+    assert (done.returncode, done.stderr) == (
+        1,
+        "symcal: standard output cannot be written: No space left on device; what went to files is there\n",
+    )

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from strategies import random_frame
 
 from symcal.calibration.calibrate import Calibration, calibrate
-from symcal.calibration.claims import claim
+from symcal.calibration.claims import optimism
 from symcal.calibration.evaluate import evaluate
 from symcal.calibration.held_out_outliers import held_out_outliers
 from symcal.calibration.mistakes.hypotheses import joint_hypotheses
@@ -195,7 +195,7 @@ def test_a_slip_in_a_test_pose_is_listed_and_no_reason_for_more_poses() -> None:
     assert (slip.pose, slip.split) == ("41", "test")
     assert slip.off == pytest.approx(50.0, abs=1.0)
     errors = {part: {n: evaluate(s, data.part(part)) for n, s in found.states.items()} for part in ("train", "test")}
-    said = "; ".join(claim(errors))
+    said = "; ".join(optimism(errors))
     assert "made by 1 pose alone" in said
     assert "more poses would help" not in said
     assert held_out_outliers(found, halves(clean("position")).part("test")) == ()

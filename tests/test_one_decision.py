@@ -88,7 +88,7 @@ def test_a_refusal_is_the_same_everywhere(tmp_path: Path, symcal: Callable[..., 
     said = symcal("run", tracked(tmp_path, moved), "--out", folder, "--set", "outputs.c=true", "--quiet")
     content = json.loads((folder / "results.json").read_text(encoding="utf-8"))
     why = reasons(content)
-    assert {reason["kind"] for reason in content["decision"]["reasons"]} == {"worthless", "no_gain"}
+    assert {reason["kind"] for reason in content["decision"]["reasons"]} == {"mistake", "worthless", "no_gain"}
     # exit code and terminal
     assert said.code == 1
     assert all(text in said.err for text in why)

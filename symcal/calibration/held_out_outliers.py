@@ -74,8 +74,11 @@ def held_out_notes(found: Sequence[Outlier]) -> list[str]:
         return []
     listed = ", ".join(poses[:_NAMED]) + (", ..." if len(poses) > _NAMED else "")
     worst = max(found, key=lambda each: each.noises)
-    return [
-        f"{plural(len(poses), 'test pose')} ({listed}) {'stands' if len(poses) == 1 else 'stand'} out of all others, "
-        f"{worst.pose} by {worst.off:.4g} {worst.unit}: {'it spoils' if len(poses) == 1 else 'they spoil'} what the "
-        "test poses say of the accuracy; measure again, or leave out"
-    ]
+    if len(poses) == 1:
+        said = f"test pose {worst.pose} stands out of all others, {worst.off:.4g} {worst.unit} off: it spoils"
+    else:
+        said = (
+            f"{plural(len(poses), 'test pose')} ({listed}) stand out of all others, {worst.pose} by {worst.off:.4g} "
+            f"{worst.unit}: they spoil"
+        )
+    return [f"{said} what the test poses say of the accuracy; measure again, or leave out"]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from symcal.calibration.evaluate import without_rigid_motion
 from symcal.data.dataset import Dataset
+from symcal.errors import RefusedError
 from symcal.fit.deletion import Judged, Pile, judged, piles, without
 from symcal.fit.estimation import Fit, Options, fit
 from symcal.fit.noise import known_sigma, spread_of
@@ -143,10 +144,11 @@ def _judged_where_linear(
         seen[gone] = False
         given = {name: sigma for name, sigma in sigmas.items() if name not in after.estimated}
         options = Options(sigma=given)
-        again = fit(
-            replace(system.rows, seen=seen), after.free, options, prior_mean=system.prior_mean, nested=(nominal,)
-        )
-        x = again.x
+        rows = replace(system.rows, seen=seen)
+        try:
+            x = fit(rows, after.free, options, prior_mean=system.prior_mean, nested=(nominal,)).x
+        except RefusedError:  # too few poses are left to judge any by
+            return (*first, False)
         there, every = at(x)
     return there, every, bool(gone)
 

@@ -29,6 +29,7 @@ from symcal.outputs.locks import is_free, same_file, try_lock
 from symcal.outputs.whole_file import flush, flush_folder
 
 _OCCUPIED = frozenset({errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR})
+_OVERTAKEN = _OCCUPIED | {errno.ENOENT}  # the old folder went, and another may stand there again
 _KEPT_OF_NAME = 200  # bytes of a name in that of its hidden siblings; a longer one is hashed
 _TRIES = 1000  # others that were faster, before this is called an error
 
@@ -174,7 +175,7 @@ def _place(stage: _Stage, target: Path, check: Check) -> None:
             check(target)
             aside = stage.fresh if exchange(stage.fresh, target) else _rename_twice(stage, target)
         except OSError as error:
-            faster = error.errno in _OCCUPIED or not os.path.lexists(target)
+            faster = error.errno in _OVERTAKEN or not os.path.lexists(target)
             if faster and stage.fresh.exists():  # another process put its folder there, or took the old one away
                 shutil.rmtree(stage.old, ignore_errors=True)
                 continue

@@ -35,6 +35,8 @@ def require_replaceable(target: Path, inputs: Iterable[Path] = ()) -> None:
         raise RefusedError(f"{target} is not a folder: nothing was written; choose another --out")
     for folder in (where, *where.parents):
         if folder.exists():
+            if not folder.is_dir():
+                raise InputError("the output folder cannot be used: Not a directory", file=target)
             if not os.access(folder, os.W_OK | os.X_OK):
                 raise InputError("the output folder cannot be written: Permission denied", file=target)
             if folder != where:

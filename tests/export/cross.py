@@ -22,10 +22,9 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from c_robots import arm, handling
-
 sys.path.append(str(Path(__file__).resolve().parents[1]))  # run as a script: the tests' own folder
 from arms_with_terms import puma_with_terms
+from c_robots import arm, handling
 
 from symcal.export.c import CExport, export_c
 

@@ -11,10 +11,9 @@ from symcal.calibration.again import Again
 from symcal.calibration.apart import LEVEL, Apart, Compared
 from symcal.calibration.divisions import Division
 from symcal.calibration.halves import Halves
-from symcal.words import number, plural
+from symcal.words import number, p_value, plural
 
 _HARDLY = 1.25  # times what is expected: more than chance, but nothing that anybody would feel
-_SMALLEST = 1e-12  # probability that is written out
 _MORE = 1.25  # times what halves by chance differ by, from which another division says something of its own
 CLEARLY = 1.5
 """Times what their uncertainties let expect from which halves that differ are warned of."""
@@ -104,11 +103,8 @@ def halves_sentence(found: Halves) -> str:
     if found.division.by != "chance" and by_chance * _MORE > ratio:
         means = f"{_MEANS['chance']}, since halves drawn by chance differ as much"
     if ratio < _HARDLY:
-        return f"{amount}: that is hardly more, though not by chance ({_p(found.p)}), as if {means}"
-    return (
-        f"{amount}: they do not agree, the stated uncertainties are {number(ratio, 2)} times too small for this "
-        f"({_p(found.p)}), as if {means}"
-    )
+        return f"{amount}: that is hardly more, though not by chance ({p_value(found.p)}), as if {means}"
+    return f"{amount}: they do not agree ({p_value(found.p)}), as if {means}"
 
 
 def _others(found: Halves) -> str:
@@ -116,7 +112,8 @@ def _others(found: Halves) -> str:
     if found.least >= LEVEL:
         count = len(found.every) - 1
         return f", as do those of {plural(count, 'other division')}" if count else ""
-    return f" about the tool, though other halves differ in some parameters by more than chance ({_p(found.least)})"
+    least = p_value(found.least)
+    return f" about the tool, though other halves differ in some parameters by more than chance ({least})"
 
 
 def again_facts(found: Again | str) -> dict[str, Any]:
@@ -159,11 +156,8 @@ def again_sentence(found: Again) -> str:
         "the robot or the instrument had changed, or the model lacked something that acts differently on these poses"
     )
     if ratio < _HARDLY:
-        return f"{amount}: that is hardly more, though not by chance ({_p(found.p)}), as if {means}"
-    return (
-        f"{amount}: they do not agree, the stated uncertainties are {number(ratio, 2)} times too small for this "
-        f"({_p(found.p)}), as if {means}"
-    )
+        return f"{amount}: that is hardly more, though not by chance ({p_value(found.p)}), as if {means}"
+    return f"{amount}: they do not agree ({p_value(found.p)}), as if {means}"
 
 
 _MEANS: Mapping[str, str] = {
@@ -182,7 +176,3 @@ def _amount(apart: Apart) -> str:
         return said
     turn, allowed = (number(float(np.rad2deg(each)), 2) for each in (own.turn, own.turn_predicted))
     return f"{said} (orientation {turn} deg, allowed {allowed} deg)"
-
-
-def _p(value: float) -> str:
-    return f"p = {number(value, 1)}" if value >= _SMALLEST else f"p < {number(_SMALLEST, 1)}"

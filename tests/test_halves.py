@@ -411,6 +411,19 @@ def test_second_calibrations_are_as_far_off_as_stated() -> None:
     assert not any(each.agree for each in drawn.again("again, bent", 2))
 
 
+def test_gross_slips_are_in_no_half_where_the_loss_lets_them_pull() -> None:
+    """Of 4 slips by 20 noises; nothing is left out of good data, nor by a loss that forgets slips by itself."""
+    slipped, forgotten = (drawn.draws(f"position, {loss}, slips", 3) for loss in ("huber", "tukey"))
+    assert all(3 <= each.aside <= 4 for each in slipped)
+    assert not any(each.aside for each in [*forgotten, *drawn.draws("position, huber", 3)])
+    (one, *_) = slipped
+    facts = halves_facts(one)
+    assert sum(facts["poses"]) == 60 - one.aside
+    text = halves_text(facts)
+    assert text is not None
+    assert f"{one.aside} poses with gross slips are in no half" in text["note"]
+
+
 def test_concatenated_parts_only_train() -> None:
     """Held-out poses have no part in the halves."""
     model, rng = model_of(ARM, "position"), np.random.default_rng(15)

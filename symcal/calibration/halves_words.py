@@ -35,6 +35,7 @@ def halves_facts(found: Halves | str) -> dict[str, Any]:
         "p_least": found.least,
         "level": LEVEL,
         "poses": [int(first.sum()), int((~first).sum())],
+        "aside": found.aside,
         "division": found.division.name,
         "over": "working area" if found.by_area else "ranges of the training poses",
         "divisions": [_of_division(division, compared) for division, compared in found.every],

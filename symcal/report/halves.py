@@ -28,6 +28,10 @@ def halves_text(found: Mapping[str, Any] | None) -> dict[str, Any] | None:
         "drawn by chance cannot show what the model lacks, which is for them like more noise; those that a joint "
         "divides do. Noise and sizes of errors are those of all training poses."
     )
+    if found.get("aside"):
+        note += (
+            f" {plural(found['aside'], 'pose')} with gross slips {'is' if found['aside'] == 1 else 'are'} in no half."
+        )
     return {"sentence": sentence, "rows": [_row(each, found["division"]) for each in found["divisions"]], "note": note}
 
 

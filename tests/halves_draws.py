@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from cases import ARM, handling, prismatic, revolute
 from known_truth import SCENARIOS, measured, sessions, told
-from model_check_draws import NOISE, Plant, model_of, only, positioner, sag, wave
+from model_check_draws import NOISE, SCENES, Plant, model_of, only, positioner, sag, wave
 from numpy.typing import NDArray
 from scipy import stats
 from strategies import random_frame
@@ -163,23 +163,13 @@ GOOD: dict[str, Draw] = {
     "handling": Case(model_of(handling(), "position"), 40),
     "scara": Case(model_of(scara(), "position"), 40),
     "scara, pose, 15 poses": Case(model_of(scara(), "pose"), 15),
-    "position, 15 poses": Case(model_of(ARM, "position"), 15),
     "three points, readings lost": Case(model_of(ARM, "position", 3), 30, lost=0.4),
     **{
         name: lambda rng, name=name: scene(name, rng)
         for name in (
-            "three_wires",
             "tracker_and_wire",
             "two_trackers",
-            "two_dial_gauges",
-            "two_sessions",
-            "directions_only",
-            "one_pin",
-            "two_sockets",
-            "three_planes",
-            "two_cameras_board",
-            "eye_in_hand_board",
-            "pin_and_camera",
+            *SCENES,
         )
     },
 }

@@ -81,11 +81,11 @@ def _of_division(division: Division, compared: Compared) -> dict[str, Any]:
     }
 
 
-def halves_warnings(found: Halves | str) -> list[str]:
-    """A warning where halves differ by much more than their uncertainties let expect."""
+def halves_warnings(found: Halves | Again | str) -> list[str]:
+    """A warning where two calibrations differ by much more than their uncertainties let expect."""
     if isinstance(found, str) or found.agree or found.apart.compared.ratio < CLEARLY:
         return []
-    return [halves_sentence(found)]
+    return [halves_sentence(found) if isinstance(found, Halves) else again_sentence(found)]
 
 
 def not_compared(why: str) -> str:
@@ -103,9 +103,13 @@ def halves_sentence(found: Halves) -> str:
     means = _MEANS[found.division.by].format(joint=found.division.joint)
     if found.division.by != "chance" and by_chance * _MORE > ratio:
         means = f"{_MEANS['chance']}, since halves drawn by chance differ as much"
-    if ratio < _HARDLY:
-        return f"{amount}: that is hardly more, though not by chance ({p_value(found.p)}), as if {means}"
-    return f"{amount}: they do not agree ({p_value(found.p)}), as if {means}"
+    return _differing(amount, found, means)
+
+
+def _differing(amount: str, found: Halves | Again, means: str) -> str:
+    hardly = found.apart.compared.ratio < _HARDLY
+    said = "that is hardly more, though not by chance" if hardly else "they do not agree"
+    return f"{amount}: {said} ({p_value(found.p)}), as if {means}"
 
 
 def _others(found: Halves) -> str:
@@ -137,13 +141,6 @@ def again_facts(found: Again | str) -> dict[str, Any]:
     }
 
 
-def again_warnings(found: Again | str) -> list[str]:
-    """A warning where a second calibration differs by much more than the uncertainties let expect."""
-    if isinstance(found, str) or found.agree or found.apart.compared.ratio < CLEARLY:
-        return []
-    return [again_sentence(found)]
-
-
 def again_sentence(found: Again) -> str:
     """Whether a second calibration differs from the recorded one by no more than is stated."""
     amount = (
@@ -152,13 +149,10 @@ def again_sentence(found: Again) -> str:
     )
     if found.agree:
         return f"{amount}: they agree"
-    ratio = found.apart.compared.ratio
     means = (
         "the robot or the instrument had changed, or the model lacked something that acts differently on these poses"
     )
-    if ratio < _HARDLY:
-        return f"{amount}: that is hardly more, though not by chance ({p_value(found.p)}), as if {means}"
-    return f"{amount}: they do not agree ({p_value(found.p)}), as if {means}"
+    return _differing(amount, found, means)
 
 
 _MEANS: Mapping[str, str] = {

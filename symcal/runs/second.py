@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.calibration.again import Again, calibrated_again
-from symcal.calibration.halves_words import again_facts, again_warnings
+from symcal.calibration.halves_words import again_facts, halves_warnings
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.model.measurement import Setup
@@ -47,7 +47,7 @@ def with_second(
             raise RefusedError(f"the calibration does not know session {', '.join(strange)}")
         found = calibrated_again(robot, task, data, np.random.default_rng(0), now if refit else None)
         content["halves"] = again_facts(found)
-        content["warnings"] += again_warnings(found)
+        content["warnings"] += halves_warnings(found)
     except RefusedError as error:
         content["halves"] = again_facts(str(error))
     return found

@@ -188,6 +188,8 @@ AGAIN: dict[str, NewDraw] = {
     "again, position, elsewhere": Second(POSES_60, 40, elsewhere=0.4),
     "again, position, other noise": Second(POSES_60, 40, noise=3 * NOISE),
     "again, position, huber": Second(replace(POSES_60, options=Options(loss="huber")), 40),
+    "again, position, huber, slips": Second(replace(POSES_60, options=Options(loss="huber"), slips=3), 40),
+    "again, scara": Second(Case(model_of(scara(), "position"), 40), 30),
     "again, pose": Second(Case(model_of(ARM, "pose"), 40), 30),
     "again, positioner": Second(Case(model_of(positioner(), "pose"), 40), 30),
     "again, handling": Second(Case(model_of(handling(), "position"), 40), 30),

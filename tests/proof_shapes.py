@@ -40,7 +40,6 @@ Array = NDArray[np.float64]
 Kind = Literal["position", "pose"]
 
 _STEP = 1e-30  # of derivatives by a complex step: nothing is subtracted
-_PENALTY = 1e9
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ MOSTLY = 0.5
 _GREEK = {"theta": "θ", "alpha": "α", "beta": "β", "a": "a", "d": "d"}
 _TERM = re.compile(r"q[0-9]+_")
 _LOWERED = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+_LEAST = 1e-12  # probability that is written out
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -40,6 +41,16 @@ def number(value: float, digits: int = 3) -> str:
     if -4 <= exponent < 5:
         return f"{value:.{max(digits - 1 - exponent, 0)}f}".replace("-", MINUS)
     return f"{mantissa} × 10{str(exponent).translate(_RAISED)}".replace("-", MINUS)
+
+
+def chance(p: float) -> str:
+    """A probability of something by chance in one or two digits; below 1e-12, where no law holds, as a bound."""
+    return number(p, 2 if p >= 1e-3 else 1) if p >= _LEAST else f"< {number(_LEAST, 1)}"
+
+
+def p_value(p: float) -> str:
+    """`p = 0.69`, `p < 1 × 10⁻¹²`."""
+    return f"p {chance(p)}" if p < _LEAST else f"p = {chance(p)}"
 
 
 def fixed(value: float, decimals: int) -> str:

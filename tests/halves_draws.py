@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from cases import ARM, handling
+from cases import ARM, handling, prismatic, revolute
 from known_truth import SCENARIOS, measured, sessions, told
-from model_check_draws import NOISE, Plant, model_of, only, positioner, sag, wave
+from model_check_draws import NOISE, SCENES, Plant, model_of, only, positioner, sag, wave
 from numpy.typing import NDArray
 from scipy import stats
 from strategies import random_frame
@@ -33,6 +33,7 @@ from symcal.errors import RefusedError
 from symcal.fit.estimation import Options
 from symcal.instruments.noise import Noise
 from symcal.model.model import Model
+from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
 LINEAR = Options()
@@ -45,6 +46,7 @@ class Case:
     """A robot of drawn errors, measured.
 
     sizes: of the errors of links, shares of the plausible ones. planted: what joints move by beyond their readings.
+    lost: share of the readings of points that are missing; one of every pose is there.
     """
 
     model: Model
@@ -55,6 +57,7 @@ class Case:
     options: Options = LINEAR
     share: float = 1.0
     slips: int = 0
+    lost: float = 0.0
 
     def __call__(self, rng: np.random.Generator) -> Halves:
         data = self.measured(self.truth(rng), self.count, rng)
@@ -79,6 +82,10 @@ class Case:
         data = simulate(*truth, moved, Noise("normal", noise, noise * 2e-3), rng)
         z = data.z.copy()
         z[rng.permutation(count)[: self.slips], :3] += rng.normal(size=(self.slips, 3))
+        for start in range(0, z.shape[1], 3):  # at least one point of every pose stays
+            if start or z.shape[1] > 3:
+                lost = rng.random(count) < self.lost
+                z[lost & np.isfinite(np.delete(z, np.s_[start : start + 3], 1)).any(axis=1), start : start + 3] = np.nan
         return replace(data, q=q, z=z)
 
 
@@ -121,6 +128,19 @@ def scene(name: str, rng: np.random.Generator) -> Halves:
     return two_halves(calibrate(model, None, data, LINEAR), data, LINEAR, rng)
 
 
+def scara() -> Robot:
+    """Two turning joints, one that lifts, and one that turns the tool, all vertical."""
+    links = (
+        revolute(theta=0.0, d=300.0),
+        revolute(alpha=0.0, a=350.0, beta=0.0, theta=0.0),
+        prismatic(alpha=np.pi, a=250.0, beta=0.0, theta=0.0, d=0.0),
+        revolute(alpha=0.0, a=0.0, beta=0.0, theta=0.0),
+    )
+    tool = np.eye(4)
+    tool[:3, 3] = [60.0, 20.0, 80.0]
+    return Robot("scara", "craig", links, tool=tool)
+
+
 def twice(q: Array, rng: np.random.Generator) -> Array:
     """Half a mrad, twice to a turn of joint 2."""
     return only(2, 0.5e-3 * np.sin(2 * q[:, 1] + rng.uniform(-np.pi, np.pi)))
@@ -141,19 +161,15 @@ GOOD: dict[str, Draw] = {
     "pose, 15 poses": Case(model_of(ARM, "pose"), 15),
     "positioner": Case(model_of(positioner(), "pose"), 40),
     "handling": Case(model_of(handling(), "position"), 40),
+    "scara": Case(model_of(scara(), "position"), 40),
+    "scara, pose, 15 poses": Case(model_of(scara(), "pose"), 15),
+    "three points, readings lost": Case(model_of(ARM, "position", 3), 30, lost=0.4),
     **{
         name: lambda rng, name=name: scene(name, rng)
         for name in (
-            "three_wires",
-            "two_dial_gauges",
-            "two_sessions",
-            "directions_only",
-            "one_pin",
-            "two_sockets",
-            "three_planes",
-            "two_cameras_board",
-            "eye_in_hand_board",
-            "pin_and_camera",
+            "tracker_and_wire",
+            "two_trackers",
+            *SCENES,
         )
     },
 }
@@ -172,6 +188,8 @@ AGAIN: dict[str, NewDraw] = {
     "again, position, elsewhere": Second(POSES_60, 40, elsewhere=0.4),
     "again, position, other noise": Second(POSES_60, 40, noise=3 * NOISE),
     "again, position, huber": Second(replace(POSES_60, options=Options(loss="huber")), 40),
+    "again, position, huber, slips": Second(replace(POSES_60, options=Options(loss="huber"), slips=3), 40),
+    "again, scara": Second(Case(model_of(scara(), "position"), 40), 30),
     "again, pose": Second(Case(model_of(ARM, "pose"), 40), 30),
     "again, positioner": Second(Case(model_of(positioner(), "pose"), 40), 30),
     "again, handling": Second(Case(model_of(handling(), "position"), 40), 30),

@@ -155,6 +155,20 @@ PLANTED = {
     "drift": "the order of the measurements (position)",
 }
 
+SCENES = (
+    "three_wires",
+    "two_dial_gauges",
+    "two_sessions",
+    "directions_only",
+    "one_pin",
+    "two_sockets",
+    "three_planes",
+    "two_cameras_board",
+    "eye_in_hand_board",
+    "pin_and_camera",
+)
+"""Of `known_truth`: several instruments, contacts, cameras."""
+
 GOOD: dict[str, Callable[[np.random.Generator], ModelCheck]] = {
     "position": lambda rng: checked(model_of(ARM, "position"), 60, rng),
     "position, 15 poses": lambda rng: checked(model_of(ARM, "position"), 15, rng),
@@ -171,21 +185,7 @@ GOOD: dict[str, Callable[[np.random.Generator], ModelCheck]] = {
     "pose, 15 poses": lambda rng: checked(model_of(ARM, "pose"), 15, rng),
     "positioner": lambda rng: checked(model_of(positioner(), "pose"), 40, rng),
     "handling": lambda rng: checked(model_of(handling(), "position"), 40, rng),
-    **{
-        name: lambda rng, name=name: scene(name, rng)
-        for name in (
-            "three_wires",
-            "two_dial_gauges",
-            "two_sessions",
-            "directions_only",
-            "one_pin",
-            "two_sockets",
-            "three_planes",
-            "two_cameras_board",
-            "eye_in_hand_board",
-            "pin_and_camera",
-        )
-    },
+    **{name: lambda rng, name=name: scene(name, rng) for name in SCENES},
 }
 
 

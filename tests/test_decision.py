@@ -17,6 +17,7 @@ from symcal.calibration.evidence import Evidence, Lack, Sizes
 from symcal.calibration.reasons import KINDS, Reason
 from symcal.calibration.tolerance import ERRORS_OF, Tolerance, parse_tolerance
 from symcal.errors import InputError
+from symcal.report.decision import as_sentence, warnings_beside
 
 TOLERANCE = Tolerance(0.5, np.deg2rad(0.1))
 SLIP = {"pose": "T3", "noises": 40.0, "off": 50.0, "unit": "mm", "tool_mm": 0.0}
@@ -90,7 +91,7 @@ def test_what_is_refused_whatever_is_asked(changed: dict[str, Any], kind: str, w
         ({"lacks": (Lack("gravity at joint 2", 0.2, "deg"),)}, "lack_of_fit", "gravity at joint 2 (0.200 deg rms)"),
         ({"outliers": [SLIP | {"tool_mm": 0.9}]}, "outlier", "moves the robot by up to 0.900 mm"),
         ({"outliers": [SLIP | {"split": "test"}]}, "outlier", "held-out pose T3 cannot be explained"),
-        ({"halves": {"agree": False, "difference_rms_mm": 0.7}}, "halves", "differ by 0.700 mm rms"),
+        ({"halves": {"agree": True, "difference_rms_mm": 0.7, "divisions": []}}, "halves", "differ by 0.700 mm rms"),
     ],
 )
 def test_what_a_tolerance_refuses_and_its_absence_does_not(changed: dict[str, Any], kind: str, words: str) -> None:
@@ -107,6 +108,25 @@ def test_what_is_small_beside_the_tolerance_is_no_reason() -> None:
         halves={"agree": True, "difference_rms_mm": 0.2},
     )
     assert decide(small, TOLERANCE).accepted
+
+
+def test_halves_are_told_once() -> None:
+    """As a reason where they differ by more than the tolerance, else as a caution, and never beside these."""
+    text = "two halves differ by 0.7 mm rms: they do not agree"
+    halves = {"agree": False, "difference_rms_mm": 0.7, "text": text, "divisions": []}
+    refused, accepted = decide(good(halves=halves), TOLERANCE), decide(good(halves=halves), Tolerance(0.9))
+    assert [reason.text for reason in refused.reasons] == [f"{text}; that is beyond the tolerance of 0.500 mm"]
+    assert text not in refused.cautions
+    assert text in accepted.cautions
+    for decision in (refused, accepted):
+        assert warnings_beside({"decision": decision.facts, "warnings": [text, "another"]}) == ["another"]
+
+
+def test_a_second_calibration_from_few_poses_refuses_nothing_by_chance() -> None:
+    second = {"agree": True, "difference_rms_mm": 0.7, "text": "the two differ: they agree"}
+    assert decide(good(halves=second), TOLERANCE).accepted
+    found = decide(good(halves=second | {"agree": False, "text": "the two differ"}), TOLERANCE)
+    assert [reason.text for reason in found.reasons] == ["the two differ; that is beyond the tolerance of 0.500 mm"]
 
 
 @pytest.mark.parametrize("of", ERRORS_OF)
@@ -202,3 +222,8 @@ def test_tolerances_as_they_are_typed() -> None:
         parse_tolerance("1mm", "median")
     with pytest.raises(InputError, match="how far off"):
         Tolerance()
+
+
+def test_what_is_said_are_sentences() -> None:
+    assert as_sentence("the model lacks gravity") == "The model lacks gravity."
+    assert as_sentence("base_y is not seen.") == "base_y is not seen."

@@ -10,6 +10,8 @@ import pytest
 from scipy import stats
 
 from symcal.calibration.parameter_difference import Difference, Estimate, difference, holm
+from symcal.fit.difference import HalfRows
+from symcal.fit.difference import difference as by_halves
 
 SIZES = np.array([1.0, 0.01, 3.0, 0.2, 1.0])
 DRAWS = 800
@@ -137,3 +139,22 @@ def test_units_do_not_matter():
     assert other.p == pytest.approx(plain.p)
     assert other.adjusted == pytest.approx(plain.adjusted, nan_ok=True)
     assert other.sigmas / unit == pytest.approx(plain.sigmas)
+
+
+def test_it_is_the_covariance_that_halves_have_from_their_rows():
+    """Posteriors are enough for the law that rows of both estimates give (`symcal.fit.difference`)."""
+    rng = np.random.default_rng(8)
+    slopes, pose = np.vstack(designs(5, (18, 27))), np.repeat(np.arange(15), 3)
+    first, truth = pose < 6, SIZES * rng.normal(size=len(SIZES))
+    z = slopes @ truth + rng.normal(size=len(slopes))
+    estimates = []
+    for own in (first, ~first):
+        covariance = np.linalg.inv(slopes[own].T @ slopes[own] + np.diag(SIZES**-2.0))
+        estimates.append(Estimate(np.clip(covariance @ slopes[own].T @ z[own], -SIZES, SIZES), covariance, SIZES))
+    known = np.column_stack([np.eye(len(SIZES)), np.zeros(len(SIZES))])
+    rows = HalfRows(slopes * SIZES, -z, pose, np.zeros_like(pose), known, [np.inf], [1.0], [1.0])
+    by_rows = by_halves(rows, np.arange(15) < 6)
+    by_posteriors = difference(*estimates)
+    scale = np.outer(by_posteriors.sigmas, by_posteriors.sigmas)
+    there = by_rows.covariance * np.outer(SIZES, SIZES)
+    np.testing.assert_allclose(there / scale, by_posteriors.covariance / scale, rtol=0, atol=1e-9)

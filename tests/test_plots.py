@@ -304,4 +304,9 @@ def test_the_tolerance_is_drawn_where_it_is(position: Case) -> None:
         for axes in drawn.figure.axes[:2]:
             assert [limit, limit] in [list(line.get_xdata()) for line in axes.lines]
             assert axes.get_xlim()[0] <= limit <= axes.get_xlim()[1]
+        drawn.figure.canvas.draw()
+        (named,) = [text for text in drawn.figure.axes[0].texts if text.get_text() == "tolerance"]
+        box, frame = named.get_window_extent(), drawn.figure.axes[0].get_window_extent()
+        assert frame.x0 <= box.x0
+        assert box.x1 <= frame.x1
     assert "tolerance" not in plots.error_distribution(errors["test"]).caption

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from symcal.words import fixed, is_link_parameter, listed, number, percent, plural, symbol
+from symcal.words import chance, fixed, is_link_parameter, listed, number, p_value, percent, plural, symbol
 
 
 @pytest.mark.parametrize(
@@ -61,3 +61,8 @@ def test_sentences() -> None:
     assert plural(1, "pose") == "1 pose"
     assert plural(0, "pose") == "0 poses"
     assert [listed(list("abc")[:n]) for n in (1, 2, 3)] == ["a", "a and b", "a, b and c"]
+
+
+def test_probabilities() -> None:
+    assert [chance(p) for p in (1.0, 0.694, 0.0012, 0.00051, 2e-10)] == ["1.0", "0.69", "0.0012", "0.0005", "2 × 10⁻¹⁰"]
+    assert [p_value(p) for p in (0.5, 1e-13, 0.0)] == ["p = 0.50", "p < 1 × 10⁻¹²", "p < 1 × 10⁻¹²"]

@@ -7,7 +7,7 @@ calibration is accepted where no rule has a reason against it. The rules and the
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -94,9 +94,9 @@ def decide(found: Evidence, tolerance: Tolerance | None = None) -> Decision:
     if tolerance is None:
         reasons += _without_tolerance(gain)
         said = "" if gain is None else f"{gain.text}; no tolerance was given"
-        return Decision(None, tuple(reasons), said, tuple(_cautions(found)))
+        return Decision(None, tuple(reasons), said, tuple(_cautions(found, reasons)))
     reasons += against(found, tolerance)
-    open_ = [*_cautions(found), *cautions(found, tolerance)]
+    open_ = [*_cautions(found, reasons), *cautions(found, tolerance)]
     if gain is not None and not gain.beyond_chance:
         open_.append(gain.text)
     return Decision(tolerance, tuple(reasons), basis(found, tolerance), tuple(open_))
@@ -137,7 +137,8 @@ def _without_tolerance(gain: Gain | None) -> Iterator[Reason]:
         yield Reason("no_gain", gain.text)
 
 
-def _cautions(found: Evidence) -> Iterator[str]:
+def _cautions(found: Evidence, reasons: Sequence[Reason]) -> Iterator[str]:
+    """What to be careful with that no reason says."""
     if found.part == "left_out":
         yield "no pose was held out: poses were left out in turn of the linearised fit"
     if found.aside:
@@ -145,7 +146,8 @@ def _cautions(found: Evidence) -> Iterator[str]:
         yield f"held-out pose{'s' if len(found.aside) > 1 else ''} {names} set aside as slips: measure again there"
     yield from found.large
     halves = found.halves or {}
-    if halves.get("agree") is False and halves.get("text"):
+    told = any(reason.kind == "halves" for reason in reasons)
+    if halves.get("agree") is False and halves.get("text") and not told:
         yield str(halves["text"])
 
 

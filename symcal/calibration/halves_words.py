@@ -11,10 +11,9 @@ from symcal.calibration.again import Again
 from symcal.calibration.apart import LEVEL, Apart, Compared
 from symcal.calibration.divisions import Division
 from symcal.calibration.halves import Halves
-from symcal.words import number, plural
+from symcal.words import number, p_value, plural
 
 _HARDLY = 1.25  # times what is expected: more than chance, but nothing that anybody would feel
-_SMALLEST = 1e-12  # probability that is written out
 _MORE = 1.25  # times what halves by chance differ by, from which another division says something of its own
 CLEARLY = 1.5
 """Times what their uncertainties let expect from which halves that differ are warned of."""
@@ -36,6 +35,7 @@ def halves_facts(found: Halves | str) -> dict[str, Any]:
         "p_least": found.least,
         "level": LEVEL,
         "poses": [int(first.sum()), int((~first).sum())],
+        "aside": found.aside,
         "division": found.division.name,
         "over": "working area" if found.by_area else "ranges of the training poses",
         "divisions": [_of_division(division, compared) for division, compared in found.every],
@@ -81,11 +81,11 @@ def _of_division(division: Division, compared: Compared) -> dict[str, Any]:
     }
 
 
-def halves_warnings(found: Halves | str) -> list[str]:
-    """A warning where halves differ by much more than their uncertainties let expect."""
+def halves_warnings(found: Halves | Again | str) -> list[str]:
+    """A warning where two calibrations differ by much more than their uncertainties let expect."""
     if isinstance(found, str) or found.agree or found.apart.compared.ratio < CLEARLY:
         return []
-    return [halves_sentence(found)]
+    return [halves_sentence(found) if isinstance(found, Halves) else again_sentence(found)]
 
 
 def not_compared(why: str) -> str:
@@ -103,12 +103,13 @@ def halves_sentence(found: Halves) -> str:
     means = _MEANS[found.division.by].format(joint=found.division.joint)
     if found.division.by != "chance" and by_chance * _MORE > ratio:
         means = f"{_MEANS['chance']}, since halves drawn by chance differ as much"
-    if ratio < _HARDLY:
-        return f"{amount}: that is hardly more, though not by chance ({_p(found.p)}), as if {means}"
-    return (
-        f"{amount}: they do not agree, the stated uncertainties are {number(ratio, 2)} times too small for this "
-        f"({_p(found.p)}), as if {means}"
-    )
+    return _differing(amount, found, means)
+
+
+def _differing(amount: str, found: Halves | Again, means: str) -> str:
+    hardly = found.apart.compared.ratio < _HARDLY
+    said = "that is hardly more, though not by chance" if hardly else "they do not agree"
+    return f"{amount}: {said} ({p_value(found.p)}), as if {means}"
 
 
 def _others(found: Halves) -> str:
@@ -116,7 +117,8 @@ def _others(found: Halves) -> str:
     if found.least >= LEVEL:
         count = len(found.every) - 1
         return f", as do those of {plural(count, 'other division')}" if count else ""
-    return f" about the tool, though other halves differ in some parameters by more than chance ({_p(found.least)})"
+    least = p_value(found.least)
+    return f" about the tool, though other halves differ in some parameters by more than chance ({least})"
 
 
 def again_facts(found: Again | str) -> dict[str, Any]:
@@ -139,13 +141,6 @@ def again_facts(found: Again | str) -> dict[str, Any]:
     }
 
 
-def again_warnings(found: Again | str) -> list[str]:
-    """A warning where a second calibration differs by much more than the uncertainties let expect."""
-    if isinstance(found, str) or found.agree or found.apart.compared.ratio < CLEARLY:
-        return []
-    return [again_sentence(found)]
-
-
 def again_sentence(found: Again) -> str:
     """Whether a second calibration differs from the recorded one by no more than is stated."""
     amount = (
@@ -154,16 +149,10 @@ def again_sentence(found: Again) -> str:
     )
     if found.agree:
         return f"{amount}: they agree"
-    ratio = found.apart.compared.ratio
     means = (
         "the robot or the instrument had changed, or the model lacked something that acts differently on these poses"
     )
-    if ratio < _HARDLY:
-        return f"{amount}: that is hardly more, though not by chance ({_p(found.p)}), as if {means}"
-    return (
-        f"{amount}: they do not agree, the stated uncertainties are {number(ratio, 2)} times too small for this "
-        f"({_p(found.p)}), as if {means}"
-    )
+    return _differing(amount, found, means)
 
 
 _MEANS: Mapping[str, str] = {
@@ -182,7 +171,3 @@ def _amount(apart: Apart) -> str:
         return said
     turn, allowed = (number(float(np.rad2deg(each)), 2) for each in (own.turn, own.turn_predicted))
     return f"{said} (orientation {turn} deg, allowed {allowed} deg)"
-
-
-def _p(value: float) -> str:
-    return f"p = {number(value, 1)}" if value >= _SMALLEST else f"p < {number(_SMALLEST, 1)}"

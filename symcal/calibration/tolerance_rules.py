@@ -36,12 +36,21 @@ def against(found: Evidence, tolerance: Tolerance) -> Iterator[Reason]:
     yield from _uncovered(found)
     yield from _lacking(found, tolerance)
     yield from _outliers(found, tolerance)
-    difference = (found.halves or {}).get("difference_rms_mm")
-    if difference is not None and tolerance.position is not None and difference > tolerance.position:
+    yield from _differing(found, tolerance)
+
+
+def _differing(found: Evidence, tolerance: Tolerance) -> Iterator[Reason]:
+    """Two halves, or a second calibration from poses that may be few: that counts only where it is not by chance."""
+    halves = found.halves or {}
+    difference = halves.get("difference_rms_mm")
+    if difference is None or tolerance.position is None or difference <= tolerance.position:
+        return
+    beyond = f"beyond the tolerance of {number(tolerance.position)} mm"
+    if not halves["agree"] and halves.get("text"):
+        yield Reason("halves", f"{halves['text']}; that is {beyond}")
+    elif not halves["agree"] or "divisions" in halves:
         yield Reason(
-            "halves",
-            f"two halves of the data give robots that differ by {number(difference)} mm rms, beyond the tolerance of "
-            f"{number(tolerance.position)} mm",
+            "halves", f"two halves of the data give robots that differ by {number(difference)} mm rms, {beyond}"
         )
 
 

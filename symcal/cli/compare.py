@@ -70,8 +70,8 @@ def _runs_table(runs: Any) -> Table:
 
 def _parameter_table(pair: Any) -> Table:
     """Those that differ, or else those that come nearest to it."""
-    from symcal.report.comparison import probability
     from symcal.units import in_mrad
+    from symcal.words import chance
 
     judged = [name for name, each in pair["parameters"].items() if each["p"] is not None]
     order = sorted(judged, key=lambda name: pair["parameters"][name]["p"])
@@ -84,5 +84,5 @@ def _parameter_table(pair: Any) -> Table:
         numbers = [f"{each[key] * factor:+.4g}" for key in ("first", "second", "difference")]
         mark = "differs" if each["differs"] else ""
         sigma = f"{each['sigma'] * factor:.2g}"
-        table.add_row(name, *numbers, sigma, unit, probability(each["p_adjusted"]), mark)
+        table.add_row(name, *numbers, sigma, unit, chance(each["p_adjusted"]), mark)
     return table

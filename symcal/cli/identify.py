@@ -61,7 +61,10 @@ def validate(
         content = validate_robot(calibrated, data, out, parts, instrument, progress, against)
     if not quiet:
         terminal.print_accuracy(content)
+        terminal.print_second(content)
         terminal.print_decision(content)
+        if out is not None:
+            terminal.output().print(f"written to {escape(str(out))}")
     if not content["decision"]["accepted"]:
         raise RefusedError(f"the calibration is {content['decision']['sentence']}")
 

@@ -131,6 +131,14 @@ def print_decision(content: Any) -> None:
         console.print(f"[bold]caution:[/bold] {escape(caution)}")
 
 
+def print_second(content: Any) -> None:
+    """What a second calibration says of the recorded one, or why there is none, where no warning has said it."""
+    decision, text = content["decision"], content["halves"]["text"]
+    said = (*content["warnings"], *decision["cautions"], *(reason["text"] for reason in decision["reasons"]))
+    if not any(text in each for each in said):
+        output().print(escape(text))
+
+
 def _accuracy_table(content: Any) -> Table:
     """Of the quantity that judges, and of attitudes: their column stands beside every position, as it always has."""
     from symcal.report.measured import POSITION, judged
@@ -180,6 +188,11 @@ def _known(known: Any) -> list[str]:
 _PROVEN = {"d_efficiency_lower_bound": "d_efficiency_lower_bound", "g_efficiency": "g_efficiency_lower_bound"}
 
 
+def _down(share: float) -> str:
+    """Rounded down: a share is no larger than it is said to be."""
+    return f"{math.floor(share * 1e4) / 1e4:.4f}"
+
+
 def print_plan(content: Any) -> None:
     """How good a plan is, and how good random ones are."""
     from symcal.report.plan_verdict import plan_verdict
@@ -196,10 +209,12 @@ def print_plan(content: Any) -> None:
         ("worst_pose_rms_mm", "foretold error, worst pose, mm"),
     ):
         cells = [found[key], *([random[key]] if random else [])]
-        table.add_row(label, *("-" if value is None else f"{value:.4g}" for value in cells))
-        if proof is not None and key in _PROVEN and proof[_PROVEN[key]] is not None:
-            shown = f"{math.floor(proof[_PROVEN[key]] * 1e4) / 1e4:.4f}"
-            table.add_row(f"{label.split(',')[0]}, proven", shown, *(["-"] if random else []))
+        shown = _down if key in _PROVEN else "{:.4g}".format
+        sure = None if proof is None or key not in _PROVEN else proof[_PROVEN[key]]
+        name = label if sure is None else f"{label} (searched)"
+        table.add_row(name, *("-" if value is None else shown(value) for value in cells))
+        if sure is not None:
+            table.add_row(f"{label.split(',')[0]}, proven", _down(sure), *(["-"] if random else []))
     console.print(table)
     _print_instruments(console, content.get("instruments", []))
     for warning in content["warnings"]:

@@ -30,9 +30,9 @@ from symcal.plots.style import (
     settle,
     sheet,
 )
-from symcal.report.comparison import changed, probability
+from symcal.report.comparison import changed
 from symcal.units import in_mrad
-from symcal.words import is_term_number, listed, number, plural, symbol
+from symcal.words import is_term_number, listed, number, p_value, plural, symbol
 
 Content = Mapping[str, Any]
 
@@ -159,7 +159,7 @@ def _tools(axes: Axes, pairs: Sequence[Content]) -> None:
         axes.plot(tool["rms"], at, marker=marker, color=color, markerfacecolor=face, markersize=4.5, zorder=3)
     _lines(axes, [pair["second"] for pair in pairs])
     axes.set_xlim(left=0)
-    axes.set_xlabel("tools apart: rms, largest (tick), expected rms (grey) / mm")
+    axes.set_xlabel("tool apart: rms to largest, grey: expected / mm")
 
 
 def _lines(axes: Axes, names: Sequence[str]) -> None:
@@ -203,12 +203,12 @@ def _caption(content: Content) -> str:
             said = "is the same calibration"
         elif named:
             shown = listed([*named, f"{more} more"] if more else named)
-            said = f"differs in {shown} (of {judged} parameters that both tell; joint p {probability(pair['p'])})"
+            said = f"differs in {shown} (of {judged} parameters that both tell; joint {p_value(pair['p'])})"
         elif changed(pair):
-            said = f"differs, though no single parameter can be named (joint p {probability(pair['p'])})"
+            said = f"differs, though no single parameter can be named (joint {p_value(pair['p'])})"
         else:
             said = (
-                f"differs by no more than its uncertainty (joint p {probability(pair['p'])}, "
+                f"differs by no more than its uncertainty (joint {p_value(pair['p'])}, "
                 f"{plural(pair['directions'], 'direction')})"
             )
         tool = pair["tool_mm"]

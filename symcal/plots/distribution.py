@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from symcal.calibration.evaluate import Errors
@@ -75,12 +76,31 @@ def error_distribution(
             if wide:
                 panel.set_xscale("log")
                 logarithmic(panel.xaxis)
+        if limit is not None:
+            _name_limit(left, limit)
         legend(figure, shown, markers=False, lines=True)
     title = f"Distribution of the {'true ' if part == 'truth' else ''}error"
     caption = _caption({s: states[s] for s in shown}, part, against)
     if limit is not None:
         caption += f" The dashed line is the tolerance, {number(limit)} {states['after'].unit}."
     return Illustration(settle(figure), name, title, caption)
+
+
+def _name_limit(axes: Axes, limit: float) -> None:
+    """`tolerance` beside its line, on the side where there is room: without colour it is one dashed line of several."""
+    low, high = axes.get_xaxis().get_transform().transform(axes.get_xlim())
+    beyond = axes.get_xaxis().get_transform().transform([limit])[0] > (low + high) / 2
+    axes.annotate(
+        "tolerance",
+        (limit, 1.0),
+        xycoords=axes.get_xaxis_transform(),
+        xytext=(-2 if beyond else 2, -1),
+        textcoords="offset points",
+        ha="right" if beyond else "left",
+        va="top",
+        rotation=90,
+        fontsize="small",
+    )
 
 
 def _caption(states: Mapping[str, Errors], part: str, against: str) -> str:

@@ -17,7 +17,7 @@ from symcal.words import number, percent
 Array = NDArray[np.float64]
 
 _CELLS = 22  # along the longer side of what the tool reaches
-_BEYOND = 2.0  # times what is to be expected, from which a cell is marked
+_BEYOND = 2.0  # times what is to be expected, from which a cell is marked; colours reach it, so that calm looks calm
 _DRAWN, _HEAD = 118.0, 18.0  # width of both views together, height of labels and titles, mm
 _NO_SIZE = 1e-9
 
@@ -43,7 +43,7 @@ def halves_map(found: Apart, what: str, who: str) -> Illustration:
         for row, label in enumerate(rows):
             grids = [_rms_of(found, flat, cell, over=bool(row)) for _, _, _, flat in views]
             values = np.concatenate([grid[np.isfinite(grid)] for grid, _, _ in grids])
-            scale = Normalize(0.0, float(values.max()) or 1.0)
+            scale = Normalize(0.0, max(float(values.max()), _BEYOND if row else 0.0) or 1.0)
             for column, ((title, right, up, _), (grid, x, y)) in enumerate(zip(views, grids, strict=True)):
                 axes = panels[row, column]
                 axes.pcolormesh(x, y, grid.T, norm=scale, cmap="cividis", rasterized=True)

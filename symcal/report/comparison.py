@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from symcal.words import listed, number, plural, symbol
+from symcal.words import listed, number, p_value, plural, symbol
 
 Content = Mapping[str, Any]
 
@@ -22,7 +22,7 @@ def pair_sentences(pair: Content) -> list[str]:
     names = f"{pair['second']} against {pair['first']}"
     if pair["identical"]:
         return [f"{names}: the same numbers, to the last digit: one calibration twice"]
-    joint = f"joint p = {probability(pair['p'])} over {plural(pair['directions'], 'direction')} that both determine"
+    joint = f"joint {p_value(pair['p'])} over {plural(pair['directions'], 'direction')} that both determine"
     if not pair["directions"]:
         said = "the two determine no direction of the parameters in common: nothing can be told"
     elif pair["differing"]:
@@ -46,11 +46,6 @@ def tool_sentence(tool: Content) -> str:
         f"{fitted if tool['aligned'] else ''}; two calibrations of one robot would be by "
         f"{number(tool['expected_rms'])} mm rms"
     )
-
-
-def probability(p: float) -> str:
-    """`0.40`, `0.003`, `below 1e-9`."""
-    return "below 1e-9" if p < 1e-9 else f"{p:.1e}" if p < 1e-3 else f"{p:.2g}"
 
 
 def changed(pair: Content) -> bool:

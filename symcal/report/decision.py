@@ -21,9 +21,9 @@ def decision_text(content: Content) -> dict[str, Any] | None:
         return {
             "accepted": True,
             "title": "Accepted",
-            "lines": [f"{_capital(decision['basis'])}.", *_cautions(decision)],
+            "lines": [as_sentence(decision["basis"]), *_cautions(decision)],
         }
-    lines = [f"{_capital(reason['text'])}." for reason in decision["reasons"]]
+    lines = [as_sentence(reason["text"]) for reason in decision["reasons"]]
     return {
         "accepted": False,
         "title": "Refused" if decision["tolerance"] else "Refused: do not use these numbers",
@@ -34,13 +34,15 @@ def decision_text(content: Content) -> dict[str, Any] | None:
 def warnings_beside(content: Content) -> list[str]:
     """Warnings of the results without those that the decision says."""
     decision = content.get("decision", {"reasons": (), "cautions": ()})
-    said = {*(reason["text"] for reason in decision["reasons"]), *decision["cautions"]}
-    return [warning for warning in content.get("warnings", ()) if warning not in said]
+    said = [*(reason["text"] for reason in decision["reasons"]), *decision["cautions"]]
+    return [warning for warning in content.get("warnings", ()) if not any(warning in text for text in said)]
 
 
 def _cautions(decision: Content) -> list[str]:
     return [f"Caution: {caution}." for caution in decision["cautions"]]
 
 
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
+def as_sentence(text: str) -> str:
+    """With a capital and a full stop; a name of a parameter or column at its head stays as it is."""
+    first = text.split(" ", 1)[0]
+    return f"{text if '_' in first else text[:1].upper() + text[1:]}{'' if text.endswith('.') else '.'}"

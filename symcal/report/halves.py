@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from symcal.words import number, plural
+from symcal.report.decision import as_sentence
+from symcal.words import chance, number, plural
 
 
 def halves_text(found: Mapping[str, Any] | None) -> dict[str, Any] | None:
@@ -16,7 +17,7 @@ def halves_text(found: Mapping[str, Any] | None) -> dict[str, Any] | None:
     """
     if not found:
         return None
-    sentence = f"{found['text'][:1].upper()}{found['text'][1:]}."
+    sentence = as_sentence(found["text"])
     if found["agree"] is None:
         return {"sentence": sentence, "rows": [], "note": ""}
     count = len(found["divisions"])
@@ -27,6 +28,10 @@ def halves_text(found: Mapping[str, Any] | None) -> dict[str, Any] | None:
         "drawn by chance cannot show what the model lacks, which is for them like more noise; those that a joint "
         "divides do. Noise and sizes of errors are those of all training poses."
     )
+    if found.get("aside"):
+        note += (
+            f" {plural(found['aside'], 'pose')} with gross slips {'is' if found['aside'] == 1 else 'are'} in no half."
+        )
     return {"sentence": sentence, "rows": [_row(each, found["division"]) for each in found["divisions"]], "note": note}
 
 
@@ -35,6 +40,6 @@ def _row(each: Mapping[str, Any], told: str) -> dict[str, Any]:
         each["halves"],
         number(each["difference_rms_mm"], 2),
         number(each["predicted_rms_mm"], 2),
-        number(each["p"], 1 if each["p"] < 0.001 else 2) if each["p"] > 1e-12 else "0",
+        chance(each["p"]),
     ]
     return {"cells": cells, "strong": each["name"] == told}

@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from symcal.report.decision import decision_text, warnings_beside
+from symcal.report.decision import as_sentence, decision_text, warnings_beside
 from symcal.report.extension import extension_text
 from symcal.report.frames import frame_table, frames_note
 from symcal.report.halves import halves_text
@@ -66,7 +66,7 @@ def identification_text(content: Content) -> dict[str, Any]:
         "decision": decision_text(content),
         "verdict": verdict(content),
         "usable": usable(content),
-        "warnings": warnings_beside(content),
+        "warnings": [as_sentence(warning) for warning in warnings_beside(content)],
         "accuracy": _accuracy(content),
         "instruments": instruments_text(content),
         "outliers": outliers_text(content),

@@ -106,7 +106,11 @@ def _comparison(content: Content) -> dict[str, Any]:
         proven["worst-pose (G) efficiency, proven"] = "g_efficiency_lower_bound"
         blank = ["–"] if random is not None else []
         shown_as = {label: proof[key] for label, key in proven.items() if proof[key] is not None}
-        made.extend([label, percent(share), *blank] for label, share in shown_as.items())
+        for label, share in shown_as.items():
+            what = label.removesuffix(", proven")
+            beside = next(i for i, row in enumerate(made) if row[0].startswith(what))
+            made[beside][0] = f"{made[beside][0]} (searched)"
+            made.insert(beside + 1, [label, percent(share), *blank])
     head = [f"this plan, {plural(plan['poses'], 'pose')}"]
     if random is not None:
         head.append(f"median of {random['plans']} random plans")

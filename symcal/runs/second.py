@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.calibration.again import calibrated_again
-from symcal.calibration.halves_words import again_facts, again_warnings
+from symcal.calibration.again import Again, calibrated_again
+from symcal.calibration.halves_words import again_facts, halves_warnings
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.model.measurement import Setup
@@ -28,14 +28,17 @@ def with_second(
     refit: Sequence[str],
     strange: Sequence[str],
     now: Setup,
-) -> None:
+) -> Again | None:
     """A second calibration from new measurements, its facts and warnings added to the content.
 
     Args:
         task: of what measured, everything where it was before the recorded calibration. refit: frames that were fitted
             to the new data. strange: sessions that the calibration does not know. now: where things stand with the
             calibrated robot.
+    Returns:
+        None where there can be none: the content says why.
     """
+    found: Again | None = None
     try:
         moved = [part for part in refit if part not in ("base", *(name for o in task.observations for name in _at(o)))]
         if moved:
@@ -44,9 +47,10 @@ def with_second(
             raise RefusedError(f"the calibration does not know session {', '.join(strange)}")
         found = calibrated_again(robot, task, data, np.random.default_rng(0), now if refit else None)
         content["halves"] = again_facts(found)
-        content["warnings"] += again_warnings(found)
+        content["warnings"] += halves_warnings(found)
     except RefusedError as error:
         content["halves"] = again_facts(str(error))
+    return found
 
 
 def _at(o: Observation) -> tuple[str, ...]:

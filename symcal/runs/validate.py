@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from symcal.calibration import results
+from symcal.calibration.again import Again
 from symcal.calibration.calibrate import place
 from symcal.calibration.evaluate import Errors, evaluate
 from symcal.calibration.judgement import decide_validation
@@ -32,6 +33,7 @@ from symcal.robot.files import load_robot
 from symcal.robot.robot import Robot
 from symcal.runs.folder import require_replaceable, run_folder, write_json
 from symcal.runs.second import with_second
+from symcal.words import plural
 
 
 def validate_robot(
@@ -47,7 +49,8 @@ def validate_robot(
 
     `before` is nominal kinematics with the frames that were fitted on the training data, `after` the calibrated robot.
 
-    A calibration from the new measurements alone is compared with the recorded one (`halves`), where they are enough.
+    A calibration from the new measurements alone is compared with the recorded one (`halves`), where they are enough;
+    a folder has the map of where they differ.
 
     The file may have the canonical columns or those that the calibration was read from.
 
@@ -104,13 +107,16 @@ def validate_robot(
     }
     progress("calibrating again from these alone")
     before = _of_these(recorded_task(robot.record.provenance, "before", calibrated), instrument, names, sessions)
-    with_second(content, robot, before, new, refit, sessions, judged["after"].setup)
+    second = with_second(content, robot, before, new, refit, sessions, judged["after"].setup)
     content["decision"] = decide_validation(robot, judged["before"], errors, new.q, content, tolerance).facts
     if out is not None:
         with run_folder(out, (calibrated, data)) as folder:
             write_json(folder / "results.json", content)
             (folder / "tables").mkdir()
             write_whole(folder / "tables" / "errors.csv", _table(errors, new.labels).to_csv(index=False))
+            if second is not None:
+                progress("drawing")
+                _draw(second, folder / "figures")
     return content
 
 
@@ -241,6 +247,14 @@ def _state(model: Model, robot: Robot, data: Any, refit: tuple[str, ...]) -> Sta
     start = replace(model, setup=replace(model.setup, base=robot.base, tool=robot.tool))
     setup = place(start, data, Options()) if refit else start.setup
     return State(start, setup, np.zeros(len(model.parameters)))
+
+
+def _draw(second: Again, folder: Path) -> None:
+    from symcal.plots.halves import halves_map
+    from symcal.plots.save import save_figures
+
+    what = f"the recorded calibration and one from the {plural(second.poses, 'new pose')} alone"
+    save_figures([halves_map(second.apart, what, "Two calibrations")], folder)
 
 
 def _table(errors: dict[str, Errors], labels: tuple[str, ...]) -> pd.DataFrame:

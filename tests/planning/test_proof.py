@@ -9,6 +9,7 @@ from dataclasses import replace
 import casadi as ca
 import mpmath as mp
 import numpy as np
+import proof_shapes
 import pytest
 from arms_with_terms import six_axis
 from hypothesis import given, settings
@@ -27,6 +28,7 @@ from symcal.planning.optimal_design import ApproximateDesign, optimal_design
 from symcal.planning.plan_problem import plan_problem
 from symcal.planning.proof import bernstein
 from symcal.planning.proof.branch_and_bound import largest_value
+from symcal.planning.proof.proof import SLACK
 from symcal.planning.proof.running_error import evaluate
 from symcal.planning.proof.trace_polynomial import Axis, TracePolynomial, apply, trace_polynomial
 from symcal.planning.region import area_region, region_accuracy
@@ -276,6 +278,25 @@ def test_other_criteria_with_a_bound_are_proven_too(name, rng):
     best = float(merit.value(40 * made.own_design.matrix))
     reached = best / ratio if not merit.larger_is_better else ratio / best
     assert made.proof.criterion_efficiency <= reached + 1e-9
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "RPRPR craig, gears, noise by axis, two points",
+        "4R, beyond whole circles, gears",
+        "4R, within a degree",
+        "6R, narrow, pose turned round, base and tool unknown",
+        "4R, a prior",
+    ],
+)
+def test_no_search_exceeds_a_bound(name, rng):
+    """Rows of a kinematics that shares no code with the package, searches of scipy, designs by brute force."""
+    found = proof_shapes.tried(proof_shapes.CASES[name](), rng, thorough=False)
+    assert found.own == pytest.approx(found.value, rel=1e-9)
+    assert 1 - 2 * SLACK < found.value <= 1
+    assert found.bound.open_share == 0
+    assert found.best <= found.ceiling
 
 
 def test_joint_terms_are_not_proven(rng):

@@ -18,6 +18,7 @@ UNIT = 2.0**-53
 """u, half the distance of 1 to the next number."""
 
 _SINE = 8 * UNIT  # absolute error of sin and cos, of arguments up to some turns; libraries have an eighth of that
+_READING = 8 * UNIT  # of a node: a fifth of a turn, over a gear
 _OWN = 1.0 + 1e-9  # the bounds are rounded too
 
 
@@ -25,7 +26,7 @@ def evaluate(program: Program, poses: Array) -> tuple[Array, Array]:
     """The first output of a program of one input, and bounds of its errors, both of shape (N, rows, cols).
 
     Args:
-        poses: shape (N, dof), taken as rounded themselves.
+        poses: shape (N, dof), taken as within some roundings of those that are meant.
     Raises:
         RefusedError: an operation that no bound is known for; a branch is one of them.
     """
@@ -36,7 +37,7 @@ def evaluate(program: Program, poses: Array) -> tuple[Array, Array]:
     for step in program.instructions:
         if isinstance(step, Load):
             given = np.ascontiguousarray(poses[:, step.element])
-            work[step.work] = given, UNIT * np.abs(given)
+            work[step.work] = given, _READING * np.abs(given)
         elif isinstance(step, Constant):
             work[step.work] = np.full(len(poses), step.value), nothing
         elif isinstance(step, Store):

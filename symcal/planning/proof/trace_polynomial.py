@@ -31,6 +31,7 @@ MOST = 100_000
 
 _TRIALS = 200  # random poses at which the polynomial is tried
 _AGREED = 1e-9  # of its largest value
+_ROUNDED = 1e-7  # of it: the margin for rounding, which grows with the joints, is to stay below what is to be proven
 _BASES = 20  # random poses around which a joint is turned to see whether it matters
 _IDLE = 1e-11  # of the largest value: a joint that changes less does not matter
 _CHUNK = 2048  # poses at once, bounds the memory of rows with their errors
@@ -153,7 +154,7 @@ def trace_polynomial(
     if math.prod(shape) > MOST:
         raise RefusedError(f"{len(axes)} joints matter, which is out of reach")
     values, errors = _at_nodes(trace, area, axes)
-    if errors.max() > _AGREED * scale:
+    if errors.max() > _ROUNDED * scale:
         raise RefusedError("the information is so nearly singular that rounding is as large as what is to be proven")
     departure = float(np.abs(_interpolate(axes, values, trials) - true).max())
     if departure > _AGREED * scale:
@@ -195,7 +196,7 @@ def _matters(trace: _Trace, area: WorkingArea, i: int, scale: float, rng: np.ran
     poses[:, :, i] = np.linspace(area.lower[i], area.upper[i], bernstein.ANGLE)[:, None]
     values, errors = trace(poses.reshape(-1, area.dof))
     change = float(np.ptp(values.reshape(bernstein.ANGLE, -1), axis=0).max())
-    return bool(change > max(_IDLE * scale, 2 * float(errors.max())))
+    return bool(change > max(_IDLE * scale, min(2 * float(errors.max()), _AGREED * scale)))
 
 
 def _axis(i: int, joint: Joint, factor: float, area: WorkingArea) -> Axis:

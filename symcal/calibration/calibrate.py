@@ -14,7 +14,7 @@ from threadpoolctl import ThreadpoolController
 from symcal.calibration.extension import Extension
 from symcal.calibration.implausible import implausible
 from symcal.calibration.loss_choice import LossChoice, choose_loss
-from symcal.calibration.mistakes.identified import TRIED, told_by_identification
+from symcal.calibration.mistakes.identified import TRIED, UNTRIED, told_by_identification
 from symcal.calibration.mistakes.mistake import Mistake
 from symcal.calibration.mistakes.search import find_mistakes
 from symcal.calibration.outliers import Outlier, outliers
@@ -106,15 +106,17 @@ def calibrate(
         try:
             calibration = _calibrate(model, baseline, data, options)
         except RefusedError as error:
-            found = told_by_identification(model, data) if searched else found
+            found = (told_by_identification(model, data) or ()) if searched else found
             if not found:
                 raise
             raise RefusedError(f"{'; '.join(each.text for each in found)}. {error}") from None
         notes = calibration.notes
         if searched and unexplained(data.part("train"), calibration.before, calibration.states["after"]):
-            found = told_by_identification(model, data)
+            told = told_by_identification(model, data)
+            found = told or ()
             if not found:
-                notes = tuple(f"{note} ({TRIED}: none explains it)" if CHECK in note else note for note in notes)
+                said = UNTRIED if told is None else TRIED
+                notes = tuple(f"{note} ({said})" if CHECK in note else note for note in notes)
         notes = (*(each.text for each in found), *notes)
         return replace(calibration, notes=notes, mistakes=found)
 

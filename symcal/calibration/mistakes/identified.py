@@ -18,26 +18,31 @@ from symcal.calibration.mistakes.hypotheses import Hypothesis, joint_hypotheses
 from symcal.calibration.mistakes.mistake import Mistake, mistake_of
 from symcal.calibration.mistakes.scene import AS_GIVEN, joint_readings, sessions_of, some
 from symcal.data.dataset import Dataset
-from symcal.errors import RefusedError
+from symcal.errors import InputError, RefusedError
 from symcal.fit.estimation import Options, fit
 from symcal.fit.residual_rows import rows_of
 from symcal.model.measurement import Setup
 from symcal.model.model import Model
 from symcal.placing.placement import place, placed_by, stated
+from symcal.placing.registration import LEVER
+from symcal.solvers.least_squares import Tolerances
 from symcal.units import DEGREES, SHOWN_UNITS
 
 Array = NDArray[np.float64]
 
-TRIED = "signs, right-angle zeros, units and order of the joint columns and a shift by a row were tried one by one"
-"""What is said of the search where it has found nothing."""
+_SINGLE = "signs, right-angle zeros, units and order of the joint columns and a shift by a row"
+TRIED = f"{_SINGLE} were tried one by one: none explains it"
+UNTRIED = f"{_SINGLE} were not tried one by one: the poses are too few"
+"""What is said of the search where it has found nothing, and where it was none."""
 _BETTER = 4.0  # times that a hypothesis must leave less than the data as given
 _ALIKE = 2.0  # times the least: hypotheses that the data do not tell apart
 _EXACT = 1e-6  # of what is left as given: rounding
 _NO_WORSE = 1.1  # times what nominal kinematics leaves of the data as given
 _SHARE = 8.0  # of what nominal kinematics leaves as given: a fit is asked for so much less
-_POSES = 40
+_POSES, _MOST, _TIMES = 40, 120, 3.0  # that are looked at; more where they have fewer numbers than so many unknowns
 _STARTS = 6  # of searches for instruments: a place that none of them finds is a hypothesis not tried
-_SPARE = 12  # equations beyond all unknowns, at least
+_COARSE = Tolerances(cost=1e-4, iterations=40)  # a quarter is told by less than convergence
+_SPARE = 5  # equations beyond all unknowns, at least
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,19 +55,20 @@ class _Left:
     free: tuple[str, ...]
 
 
-def told_by_identification(model: Model, data: Dataset) -> tuple[Mistake, ...]:
-    """The single mistake of the joint columns, or the class of those, with which the data are identified far better.
+def told_by_identification(model: Model, data: Dataset) -> tuple[Mistake, ...] | None:
+    """The single mistake of the joint columns, or the class of those, with which the data are identified far better;
+    None where the data are too few to tell.
 
     Args:
         data: all poses, in the order of their file; those for training are looked at.
     """
     given = _by_nominal(model, data, AS_GIVEN)
-    if given is None or _ratio(given.rms, given.rms) == 0:
-        return ()
+    if given is None:
+        return None
     sigma = {name: rms / _SHARE for name, rms in given.rms.items() if rms > 0}
     before = _by_identification(model, given, sigma)
-    if before is None:
-        return ()
+    if before is None or not any(before.values()):
+        return None
     tried: list[tuple[float, Hypothesis, Mapping[str, float]]] = []
     for hypothesis in joint_hypotheses(model.robot):
         start = _by_nominal(model, data, hypothesis)
@@ -93,28 +99,34 @@ def told_by_identification(model: Model, data: Dataset) -> tuple[Mistake, ...]:
 def _by_nominal(model: Model, data: Dataset, hypothesis: Hypothesis) -> _Left | None:
     """What nominal kinematics leaves with everything placed; None where it cannot be placed, or poses are too few."""
     q, rows = joint_readings(data.q, sessions_of(data.labels), hypothesis)
-    at = some(rows & np.array([split == "train" for split in data.split]), _POSES)
-    own = replace(data, q=q).take(at)
+    train = rows & np.array([split == "train" for split in data.split])
+    unknowns = len(placed_by(model, data.take(np.flatnonzero(train)))) + len(model.kinematic)
+    seen = sum(part.seen(data.z[train]).sum(axis=1).mean() for part in model.measurement.parts)
+    own = replace(data, q=q).take(some(train, max(_POSES, min(_MOST, round(_TIMES * unknowns / max(seen, 1.0))))))
     free = placed_by(model, own)
-    unknowns = len(free) + len(model.kinematic)
     if sum(int(part.seen(own.z).sum()) for part in model.measurement.parts) < unknowns + _SPARE:
         return None
     try:
-        setup = place(model, own, Options(), _STARTS)
-    except (RefusedError, np.linalg.LinAlgError):
+        setup = place(model, own, Options(sigma=_rough(model), tolerances=_COARSE), _STARTS)
+    except (InputError, RefusedError, np.linalg.LinAlgError):
         return None
     rms = _rms(model, own, setup, np.zeros(len(model.parameters)))
     return _Left(rms, setup, own, free) if np.isfinite(list(rms.values())).all() else None
+
+
+def _rough(model: Model) -> dict[str, float]:
+    """Noise by group that places are found with: only the ratio of units matters."""
+    return {group.name: 1 / LEVER if group.unit == "rad" else 1.0 for group in model.measurement.groups}
 
 
 def _by_identification(model: Model, start: _Left, sigma: Mapping[str, float]) -> Mapping[str, float] | None:
     """What an identification leaves."""
     unplaced = set(model.placement) - set(start.free)
     rows = rows_of(model.measurement, start.data, start.setup, model.residuals, unplaced)
-    options = Options(sigma=sigma, scales="stated")
+    options = Options(sigma=sigma, scales="stated", tolerances=_COARSE)
     try:
         found = fit(rows, (*model.kinematic, *start.free), options, prior_mean=stated(model, start.setup))
-    except (RefusedError, np.linalg.LinAlgError):
+    except (InputError, RefusedError, np.linalg.LinAlgError):
         return None
     rms = _rms(model, start.data, start.setup, found.x)
     return rms if np.isfinite(list(rms.values())).all() else None

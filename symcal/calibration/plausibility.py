@@ -45,8 +45,8 @@ def plausibility(data: Dataset, before: State, after: State | None = None) -> tu
 
 
 def unexplained(data: Dataset, before: State, after: State) -> bool:
-    """Whether an identification leaves more than robots do: a few hundredths of what was read, or less of it but hardly
-    less than nominal kinematics leaves. Arguments as of `plausibility`."""
+    """Whether an identification leaves more than robots do: hundredths of what was read, or less but much of what
+    nominal kinematics leaves. Arguments as of `plausibility`."""
     model = before.model
     r, left = residuals(data, before), residuals(data, after)
     for part in model.measurement.parts:

@@ -100,6 +100,8 @@ def _by_nominal(model: Model, data: Dataset, hypothesis: Hypothesis) -> _Left | 
     """What nominal kinematics leaves with everything placed; None where it cannot be placed, or poses are too few."""
     q, rows = joint_readings(data.q, sessions_of(data.labels), hypothesis)
     train = rows & np.array([split == "train" for split in data.split])
+    if not train.any():
+        return None
     unknowns = len(placed_by(model, data.take(np.flatnonzero(train)))) + len(model.kinematic)
     seen = sum(part.seen(data.z[train]).sum(axis=1).mean() for part in model.measurement.parts)
     own = replace(data, q=q).take(some(train, max(_POSES, min(_MOST, round(_TIMES * unknowns / max(seen, 1.0))))))

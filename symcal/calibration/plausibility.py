@@ -23,11 +23,8 @@ _OFF = 0.1  # of the measured spread: a nominal robot is rarely so far off
 _OFF_SIZE = 0.02  # of the robot's length: nor so far
 _TURNED = np.deg2rad(8.0)
 _TOLD = 0.25  # of what nominal kinematics leaves: corrections that leave less explain it
-_MUCH, _SOME, _HARDLY = (
-    0.03,
-    0.005,
-    0.5,
-)  # of the spread of what was read, the same, and of what nominal kinematics leaves
+_MUCH, _SOME = 0.02, 0.002  # of the spread of what was read
+_HARDLY = 0.3  # of what nominal kinematics leaves
 _FEW = 0.1  # of the readings: so many may be slips
 _MOST = 0.5  # of an rms that is left without them
 

@@ -68,6 +68,14 @@ def test_what_is_good_is_accepted() -> None:
         (held_out(errors(1.0, seed=4)), "no_gain", "the nominal one with fitted frames"),
         ({"uncalibrated": Sizes(0.05, 2.0)}, "worthless", "even a robot that was never calibrated"),
         ({"uncalibrated": Sizes(20.0, 0.005)}, "worthless", "the orientation error is"),
+        (
+            {
+                "errors": {"test": {"before": errors(1.0, seed=2), "after": errors(0.95, seed=2)}},
+                "uncalibrated": Sizes(1.0, 2.0),
+            },
+            "worthless",
+            "the nominal one by hardly more",
+        ),
     ],
 )
 def test_what_is_refused_whatever_is_asked(changed: dict[str, Any], kind: str, words: str) -> None:

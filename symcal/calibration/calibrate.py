@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from symcal.calibration.extension import Extension
+from symcal.calibration.implausible import implausible
 from symcal.calibration.loss_choice import LossChoice, choose_loss
+from symcal.calibration.mistakes.identified import TRIED, UNTRIED, told_by_identification
 from symcal.calibration.mistakes.mistake import Mistake
 from symcal.calibration.mistakes.search import find_mistakes
 from symcal.calibration.outliers import Outlier, outliers
-from symcal.calibration.plausibility import plausibility
+from symcal.calibration.plausibility import CHECK, plausibility, unexplained
 from symcal.calibration.record import measurement_record
 from symcal.calibration.warnings import quality
 from symcal.data.dataset import Dataset, Readings
@@ -100,13 +102,22 @@ def calibrate(
         for each in found:
             if each.fatal:
                 raise RefusedError(each.text)
+        searched = mistakes is None and not found
         try:
             calibration = _calibrate(model, baseline, data, options)
         except RefusedError as error:
+            found = (told_by_identification(model, data) or ()) if searched else found
             if not found:
                 raise
             raise RefusedError(f"{'; '.join(each.text for each in found)}. {error}") from None
-        notes = (*(each.text for each in found), *calibration.notes)
+        notes = calibration.notes
+        if searched and unexplained(data.part("train"), calibration.before, calibration.states["after"]):
+            told = told_by_identification(model, data)
+            found = told or ()
+            if not found:
+                said = UNTRIED if told is None else TRIED
+                notes = tuple(f"{note} ({said})" if CHECK in note else note for note in notes)
+        notes = (*(each.text for each in found), *notes)
         return replace(calibration, notes=notes, mistakes=found)
 
 
@@ -151,13 +162,14 @@ def _calibrate(model: Model, baseline: Model | None, data: Dataset, options: Opt
         unplaced = tuple(name for name in baseline.placement if name not in own)
         before = State(baseline, place(baseline, train, options), np.zeros(len(baseline.parameters)), unplaced)
     odd = outliers(model, train, after, at)
+    robot = calibrated_robot(model, after)
+    plausible = not implausible(robot)
     notes = (
         *found.notes,
         *_unplaced(before.unplaced),
-        *plausibility(train, before),
+        *plausibility(train, before, State(model, setup, after.x) if plausible else None),
         *quality(model, train, after, odd),
     )
-    robot = calibrated_robot(model, after)
     return Calibration(model, setup, before, raw, offsets, after, robot, notes, found.searches, odd.listed, choice)
 
 

@@ -26,6 +26,9 @@ WORTHLESS = 3.0
 """Times the error of a robot that was never calibrated, by its plausible sizes: what is left beyond is no calibration's
 error."""
 
+HARDLY = 0.9
+"""Of the error of the nominal robot: what leaves more of it, and more than robots are off, has found nothing."""
+
 
 @dataclass(frozen=True, slots=True)
 class Decision:
@@ -115,18 +118,29 @@ def _always(found: Evidence) -> Iterator[Reason]:
 def _worthless(found: Evidence) -> Iterator[Reason]:
     if found.part is None:
         return
-    after = found.errors[found.part]["after"]
-    sizes = [(after.statistics.rms, after.unit, "error")]
+    after, before = (found.errors[found.part].get(state) for state in ("after", "before"))
+    assert after is not None
+    was = None if before is None else before.statistics.rms
+    sizes = [
+        (after.statistics.rms, was, after.unit, after.vectors.shape[1] / 3 if after.unit == "mm" else 1.0, "error")
+    ]
     if after.orientation is not None and after.orientation.size:
-        sizes.append((_degrees_rms(after), "deg", "orientation error"))
-    for rms, unit, what in sizes:
+        turned = None if before is None or before.orientation is None else _degrees_rms(before)
+        sizes.append((_degrees_rms(after), turned, "deg", 1.0, "orientation error"))
+    for rms, nominal, unit, share, what in sizes:
         usual = found.uncalibrated.of(unit)
-        if usual is not None and rms > WORTHLESS * usual:
+        if usual is None:
+            continue
+        usual *= float(np.sqrt(share))  # of a length alone, an error has a third of its squares
+        said = f"{where_judged(found.part)} the {what} is {number(rms)} {unit} rms, where even a robot that was never "
+        off = f"calibrated is off by about {number(usual)} {unit}"
+        if rms > WORTHLESS * usual:
+            yield Reason("worthless", f"{said}{off}: the measurements are not of this robot as it is described")
+        elif nominal is not None and rms > usual and HARDLY * nominal < rms < nominal:
             yield Reason(
                 "worthless",
-                f"{where_judged(found.part)} the {what} is {number(rms)} {unit} rms, where even a robot that was never "
-                f"calibrated is off by about {number(usual)} {unit}: the measurements are not of this robot as it is "
-                "described",
+                f"{said}{off}, and the nominal one by hardly more, {number(nominal)} {unit}: what was identified is "
+                "not what is wrong",
             )
 
 

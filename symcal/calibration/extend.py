@@ -18,7 +18,6 @@ from symcal.calibration.calibrate import Calibration, calibrate
 from symcal.calibration.candidates import CONDITIONED, candidates
 from symcal.calibration.extension import Extension, GroupFinding, HeldOut, JointFinding, SharedFinding
 from symcal.calibration.joint_findings import joint_findings, shared_findings
-from symcal.calibration.mistakes.search import find_mistakes
 from symcal.data.conditions import directions_from_order
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
@@ -52,18 +51,17 @@ def calibrate_extended(
         InputError: no such group, or one that the data carry nothing for. RefusedError: as of `calibrate`, which data
             that are too few for joint terms alone do not raise: it is then said in the notes.
     """
-    mistakes = find_mistakes(model, data)
     if not wanted:
-        return calibrate(model, baseline, data, options, mistakes)
+        return calibrate(model, baseline, data, options)
     terms = candidates(model.robot, wanted, data.conditions)
     groups = tuple(dict.fromkeys(p.group for term in terms for p in term.parameters))
     own = {p.group for p in model.robot.term_parameters.values()}
     full = with_terms(model, terms)
     options = replace(options, shrinking=tuple(group for group in groups if group not in own))
     try:
-        found = calibrate(full, baseline, data, options, mistakes)
+        found = calibrate(full, baseline, data, options)
     except RefusedError as error:
-        alone = calibrate(model, baseline, data, options, mistakes)  # refused as well where the data are no better
+        alone = calibrate(model, baseline, data, options)  # refused as well where the data are no better
         said = f"nothing beyond geometry was tried: {error}"
         return replace(alone, notes=(*alone.notes, said))
     train = data.part("train")
@@ -86,7 +84,7 @@ def calibrate_extended(
             break
         rejected.append(min(against, key=lambda group: trial[group].better))
     model_kept = with_terms(model, [term for term in terms if _in(term, [*kept, *own])])
-    last = found if len(kept) == len(chosen) else calibrate(model_kept, baseline, data, options, mistakes)
+    last = found if len(kept) == len(chosen) else calibrate(model_kept, baseline, data, options, found.mistakes)
     first = full.measurement.groups[0]
     shared = shared_findings(last) if kept else ()
     extension = Extension(

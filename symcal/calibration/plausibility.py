@@ -16,22 +16,54 @@ from symcal.words import plural
 
 Array = NDArray[np.float64]
 
+CHECK = "check the order, units and signs of the joint columns"
+"""Advice where nominal kinematics does not go with the measurements."""
 _FAR = 0.03  # of the robot's length: postures that touch one thing are rarely so far from it by nominal kinematics
 _OFF = 0.1  # of the measured spread: a nominal robot is rarely so far off
 _OFF_SIZE = 0.02  # of the robot's length: nor so far
 _TURNED = np.deg2rad(8.0)
+_TOLD = 0.25  # of what nominal kinematics leaves: corrections that leave less explain it
+_MUCH, _SOME = 0.02, 0.002  # of the spread of what was read
+_HARDLY = 0.3  # of what nominal kinematics leaves
 _FEW = 0.1  # of the readings: so many may be slips
 _MOST = 0.5  # of an rms that is left without them
 
 
-def plausibility(data: Dataset, before: State) -> tuple[str, ...]:
-    """What the nominal robot with fitted frames says about units, joint order and signs."""
+def plausibility(data: Dataset, before: State, after: State | None = None) -> tuple[str, ...]:
+    """What the nominal robot with fitted frames says about units, joint order and signs.
+
+    Args:
+        after: what was identified, where its corrections are plausible: what these explain is no mistake.
+    """
     model = before.model
-    r = rows_of(model.measurement, data, before.setup, model.residuals).residual(before.x)
-    return tuple(note for part in model.measurement.parts for note in _plausible(model, data, part, r))
+    r = residuals(data, before)
+    left = r if after is None else residuals(data, after)
+    return tuple(note for part in model.measurement.parts for note in _plausible(model, data, part, r, left))
 
 
-def _plausible(model: Model, data: Dataset, part: Part, r: Array) -> list[str]:
+def unexplained(data: Dataset, before: State, after: State) -> bool:
+    """Whether an identification leaves more than robots do: hundredths of what was read, or less but much of what
+    nominal kinematics leaves. Arguments as of `plausibility`."""
+    model = before.model
+    r, left = residuals(data, before), residuals(data, after)
+    for part in model.measurement.parts:
+        was, is_ = first_quantity(part, data, r), first_quantity(part, data, left)
+        if was is None or is_ is None:
+            continue
+        kind, error = part.observation.instrument, _rms(is_[0])
+        extent = size_of(model, data) if kind.constrains else _rms(about_centre(was[1]))
+        if error > _MUCH * extent or (error > _SOME * extent and error > _HARDLY * _rms(was[0])):
+            return True
+    return False
+
+
+def residuals(data: Dataset, state: State) -> Array:
+    """Residuals of a state, shape (N, m), mm, rad and px."""
+    model = state.model
+    return rows_of(model.measurement, data, state.setup, model.residuals).residual(state.x)
+
+
+def _plausible(model: Model, data: Dataset, part: Part, r: Array, left: Array) -> list[str]:
     found = first_quantity(part, data, r)
     if found is None:
         return []
@@ -51,17 +83,18 @@ def _plausible(model: Model, data: Dataset, part: Part, r: Array) -> list[str]:
     extent = max(reach, LEVER if kind.reads == "frame" else 1.0)
     # robots whose small motions are looked at are off by much of them, and not of their own size
     if error > _OFF * extent and (unit != "mm" or error > _OFF_SIZE * size_of(model, data)):
+        off = f"{who}nominal kinematics with fitted frames is off by {error:.4g} {unit} rms"
+        told = first_quantity(part, data, left)
+        if told is not None and _rms(told[0]) < min(_TOLD * error, _OFF_SIZE * extent):
+            return [f"{off}, {error / extent:.0%} of the measured spread, which plausible corrections explain"]
         few = _few(position)
         if few is not None:
             return [
-                f"{who}nominal kinematics with fitted frames is off by {error:.4g} {unit} rms, but without "
+                f"{off}, but without "
                 f"{plural(few, 'reading')} by {_rms(position[_largest_last(position)[:-few]]):.4g} {unit}: look at the "
                 "poses that stand out first"
             ]
-        return [
-            f"{who}nominal kinematics with fitted frames is off by {error:.4g} {unit} rms, {error / extent:.0%} of the "
-            "measured spread: check the order, units and signs of the joint columns, and the robot file"
-        ]
+        return [f"{off}, {error / extent:.0%} of the measured spread: {CHECK}, and the robot file"]
     return _turned(data, part, r, who)
 
 
@@ -106,8 +139,7 @@ def _missed(who: str, error: float, size: float) -> list[str]:
         return []
     return [
         f"{who}by nominal kinematics the postures miss what they touch by {error:.4g} mm rms, {error / size:.0%} of "
-        "the robot's length: check the order, units and signs of the joint columns, which posture touched what, and "
-        "the robot file"
+        f"the robot's length: {CHECK}, which posture touched what, and the robot file"
     ]
 
 

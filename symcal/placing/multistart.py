@@ -21,8 +21,9 @@ from symcal.spatial import transform
 
 Array = NDArray[np.float64]
 
-_STARTS = 60
-_FEWEST = 16  # so many that a basin of a third of all starts is missed once in a thousand times
+_MOST = 60
+STARTS = 16
+"""At least: so many that a basin of a third of all starts is missed once in a thousand times."""
 _ENOUGH = 4  # starts that agree on the best place before the search ends
 _POSES = 80  # that judge a start
 _AROUND = 1.5  # robot's lengths: how far from the base instruments stand at most
@@ -43,13 +44,20 @@ class Found:
 
 
 def search(
-    model: Model, data: Dataset, setup: Setup, x: Array, free: tuple[str, ...], reach: float, rng: np.random.Generator
+    model: Model,
+    data: Dataset,
+    setup: Setup,
+    x: Array,
+    free: tuple[str, ...],
+    reach: float,
+    rng: np.random.Generator,
+    fewest: int = STARTS,
 ) -> Found:
     """The least sum of squares over many starts of the free parameters, all else as it is.
 
     Args:
         data: what the instruments in question have read. x: errors of all parameters, shape (n,).
-        free: names of frames, points and numbers to be placed. reach: of the robot, mm.
+        free: names of frames, points and numbers to be placed. reach: of the robot, mm. fewest: starts, at least.
     """
     if len(data) > _POSES:
         data = data.take(np.linspace(0, len(data) - 1, _POSES).astype(int))
@@ -57,13 +65,13 @@ def search(
     weight = model.measurement.per_unit(_WEIGHT)[None, :] * rows.seen
     tried: list[tuple[float, Setup]] = []
     agreed, starts = 0, 0
-    for starts in range(1, _STARTS + 1):
+    for starts in range(1, _MOST + 1):
         begin = setup if starts == 1 else _somewhere(model, setup, free, reach, rng)
         cost, found = _descend(model, replace(rows, setup=begin), x, weight, free)
         tried.append((cost, found))
         best = min(cost for cost, _ in tried)
         agreed = sum(cost <= _SAME * best + 1e-12 for cost, _ in tried)
-        if starts >= _FEWEST and agreed >= _ENOUGH:
+        if starts >= fewest and agreed >= min(_ENOUGH, fewest // 2):
             break
     best = min(cost for cost, _ in tried)
     # of places that the data do not tell apart, that which was said or guessed

@@ -21,7 +21,7 @@ from symcal.model.model import Model, State
 from symcal.model.observation import Observation
 from symcal.parameters import coordinate_names, frame_names
 from symcal.placing.ends import Ends, ends_of
-from symcal.placing.multistart import search
+from symcal.placing.multistart import STARTS, search
 from symcal.placing.registration import LEVER, register
 from symcal.placing.scene_placement import camera_guesses, place_scene
 from symcal.placing.views import disagreements
@@ -57,15 +57,18 @@ class Placed:
         )
 
 
-def place(model: Model, data: Dataset, options: Options) -> Setup:
+def place(model: Model, data: Dataset, options: Options, starts: int = STARTS) -> Setup:
     """See `placed`."""
-    return placed(model, data, options).setup
+    return placed(model, data, options, starts).setup
 
 
-def placed(model: Model, data: Dataset, options: Options) -> Placed:
+def placed(model: Model, data: Dataset, options: Options, starts: int = STARTS) -> Placed:
     """The model's frames and points as nominal kinematics and the data have them; always by Levenberg-Marquardt.
 
     A frame of which something is held starts from nominal, so that what is held stays as it was.
+
+    Args:
+        starts: of a search for an instrument that is not placed in closed form, at least.
     """
     free = placed_by(model, data)
     if not free:
@@ -77,7 +80,7 @@ def placed(model: Model, data: Dataset, options: Options) -> Placed:
         # what nominal kinematics leaves is no noise of instruments: stated ones would tell how they share it
         options = replace(options, sigma={})
     nominal = State(model, model.setup, np.zeros(len(model.parameters)))
-    start = _start(nominal, data, free, options)
+    start = _start(nominal, data, free, options, starts)
     odd, agreeing = disagreements(model, data, start.setup)
     found = _fit(replace(nominal, setup=start.setup), agreeing, free, options)
     return Placed(_found(model, found, free), start.searches, odd)
@@ -162,7 +165,7 @@ def _found(model: Model, found: Fit, free: tuple[str, ...]) -> Setup:
     return replace(found.setup.moved(errors, model.measurement.points_called), own=own)
 
 
-def _start(state: State, data: Dataset, free: tuple[str, ...], options: Options) -> Placed:
+def _start(state: State, data: Dataset, free: tuple[str, ...], options: Options, starts: int = STARTS) -> Placed:
     """Every observation that has something free placed roughly, with the robot of a state."""
     model, x = state.model, state.x
     observations = [o for o in model.task.observations if _told(o) & set(free)]
@@ -186,7 +189,7 @@ def _start(state: State, data: Dataset, free: tuple[str, ...], options: Options)
         names, alone = tuple(name for name in free if name in wanted), _read_by(model, data, [o])
         if not names or len(alone) == 0:
             continue
-        found = search(model, alone, setup, x, names, model.robot.length(data.q) + _MORE, rng)
+        found = search(model, alone, setup, x, names, model.robot.length(data.q) + _MORE, rng, starts)
         setup = found.setup
         still_open -= set(names)
         searches[o.name] = (found.agreed, found.starts)

@@ -26,9 +26,12 @@ class Mistake:
     fatal: bool = False
 
 
-def mistake_of(kind: str, texts: tuple[str, ...], before: float, after: float, unit: str) -> Mistake:
-    """A mistake in words."""
-    what = f"with it what frames do not explain goes from {before:.4g} to {after:.3g} {unit} rms"
+def mistake_of(
+    kind: str, texts: tuple[str, ...], before: float, after: float, unit: str, judge: str = "frames"
+) -> Mistake:
+    """A mistake in words; judge: what explains the data, `frames` or `the identification`."""
+    does = "do" if judge == "frames" else "does"
+    what = f"with it what {judge} {does} not explain goes from {before:.4g} to {after:.3g} {unit} rms"
     if len(texts) == 1:
         text = f"the data look as if {texts[0]}: {what}"
     else:

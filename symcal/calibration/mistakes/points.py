@@ -1,6 +1,7 @@
 """Points of a target that are not where the file of the experiment says: two swapped, another unit, mirrored.
 
-Where each of them is on the moving end comes from the fit with free points; how they lie to each other needs no frame.
+Where each of them is on the moving end comes from the fit with free points; how they lie to each other needs no frame,
+and where the target's frame is known as well, they must lie there.
 """
 
 from __future__ import annotations
@@ -56,9 +57,9 @@ def arrangements(names: tuple[str, ...], stated: Array) -> list[tuple[str, Array
     return out
 
 
-def apart(stated: Array, found: Array) -> float:
-    """Rms distance between points after the best rigid motion, mm."""
-    t = rigid_fit(stated, found)
+def apart(stated: Array, found: Array, known: Array | None = None) -> float:
+    """Rms distance between points after the best rigid motion, or a known one, shape (4, 4), mm."""
+    t = rigid_fit(stated, found) if known is None else known
     return float(np.sqrt(np.mean(np.sum((stated @ t[:3, :3].T + t[:3, 3] - found) ** 2, axis=1))))
 
 
@@ -76,9 +77,11 @@ def otherwise_arranged(scene: Scene, k: int) -> tuple[Mistake, ...]:
     channels = sight.channels(scene.z[k][at], everything[0])
     found = found_points(chain[:, :3, :3], chain[:, :3, 3], channels, fitted.rotation[0])
     stated = o.target.nominal[list(sight.features)]
-    before = apart(stated, found)
+    placed = o.target.at.unknown or (o.target.at.on == "tool" and sight.ends.model.task.tool)
+    known = None if placed else sight.ends.registration(sight.ends.model.setup).tool
+    before = apart(stated, found, known)
     tried = [
-        (apart(points, found), text)
+        (apart(points, found, known), text)
         for text, points in arrangements(tuple(o.features[i] for i in sight.features), stated)
     ]
     best = min(off for off, _ in tried)

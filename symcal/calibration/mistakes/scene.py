@@ -47,18 +47,30 @@ class Scene:
 
     def moved(self, hypothesis: Hypothesis) -> tuple[Array, Mask]:
         """Joint readings as a hypothesis has them, and the rows that then count."""
-        q, k = self.q, hypothesis.rows
-        rows = self.rows
-        if k:
-            at = np.arange(len(q)) - k
-            inside = (at >= 0) & (at < len(q))
-            at = np.clip(at, 0, len(q) - 1)
-            rows = rows & inside & (self.groups[at] == self.groups)
-            q = q[at]
-        return (q if hypothesis.readings is None else hypothesis.readings(q)), rows
+        q, rows = joint_readings(self.q, self.groups, hypothesis)
+        return q, self.rows & rows
 
 
 AS_GIVEN = Hypothesis("", "")
+
+
+def joint_readings(q: Array, groups: NDArray[np.intp], hypothesis: Hypothesis) -> tuple[Array, Mask]:
+    """Joint readings (N, dof) as a hypothesis has them, and the rows that then have any; groups: see `Scene`."""
+    rows, k = np.ones(len(q), dtype=bool), hypothesis.rows
+    if k:
+        at = np.arange(len(q)) - k
+        inside = (at >= 0) & (at < len(q))
+        at = np.clip(at, 0, len(q) - 1)
+        rows = inside & (groups[at] == groups)
+        q = q[at]
+    return (q if hypothesis.readings is None else hypothesis.readings(q)), rows
+
+
+def sessions_of(labels: Sequence[str]) -> NDArray[np.intp]:
+    """Groups of poses that follow each other, by label: one number each session."""
+    sessions = [label.rpartition("/")[0] for label in labels]
+    number = {name: i for i, name in enumerate(dict.fromkeys(sessions))}
+    return np.array([number[name] for name in sessions], dtype=np.intp)
 
 
 def scene_of(model: Model, data: Dataset) -> Scene | None:
@@ -71,9 +83,7 @@ def scene_of(model: Model, data: Dataset) -> Scene | None:
     found = tuple(s for s in found if s.features and s.enough(s.read(data.z), rows))
     if not found:
         return None
-    sessions = [label.rpartition("/")[0] for label in data.labels]
-    number = {name: i for i, name in enumerate(dict.fromkeys(sessions))}
-    groups = np.array([number[name] for name in sessions], dtype=np.intp)
+    groups = sessions_of(data.labels)
     return Scene(found, data.q, tuple(s.read(data.z) for s in found), rows, groups, data.labels)
 
 

@@ -69,15 +69,26 @@ def _refuse_foreign(folder: Path, shown: Path) -> None:
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise RefusedError(f"{shown} is not a folder: nothing was written; choose another --out")
     try:
-        foreign = foreign_files(folder)
+        foreign = foreign_files(folder, made_since=_made_from_code)
         known = not foreign or has_manifest(folder)
     except OSError as error:
         raise InputError(f"the output folder cannot be used: {error.strerror}", file=shown) from None
     if not foreign:
         return
     names = ", ".join(foreign[:_NAMED]) + (", ..." if len(foreign) > _NAMED else "")
-    why = "that no run made or that were changed since" if known else f"and no {MANIFEST} that says a run made them"
-    raise RefusedError(f"{shown} holds files {why} ({names}): it is not replaced; choose another --out")
+    if known:
+        why = "that no run made or that were changed since"
+        raise RefusedError(f"{shown} holds files {why} ({names}): it is not replaced; choose another --out")
+    raise RefusedError(
+        f"{shown} holds files and no {MANIFEST} that says a run made them ({names}): it is not replaced; choose another "
+        "--out, or remove the folder yourself (one that an earlier version made has none)"
+    )
+
+
+def _made_from_code(path: str) -> bool:
+    """Whether `make` in a run's folder of C code made a file."""
+    folder, _, name = path.partition("/")
+    return folder == CODE and is_built(name)
 
 
 def write_json(path: Path, data: Mapping[str, Any]) -> None:

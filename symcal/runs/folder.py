@@ -10,9 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from symcal.errors import InputError, RefusedError
+from symcal.export.c import is_built
 from symcal.outputs.manifest import MANIFEST, foreign_files, has_manifest, write_manifest
 from symcal.outputs.whole_file import write_whole
 from symcal.outputs.whole_folder import absolute, recover, whole_folder
+
+CODE = "c"
+"""Where the C code is in a run's folder."""
 
 _NAMED = 3  # files in a message
 
@@ -27,7 +31,7 @@ def require_replaceable(target: Path, inputs: Iterable[Path] = ()) -> None:
     Raises:
         RefusedError: the target is a file or a link, holds an input, or holds a file that no run made or that was
             changed since: by its manifest.json. A folder without one (of an earlier version, or somebody's) is refused
-            unless it is empty.
+            unless it is empty. What `make` made in its C code does not count.
         InputError: the target cannot be read.
     """
     where = absolute(target)
@@ -80,8 +84,8 @@ def _refuse_foreign(folder: Path, shown: Path) -> None:
         why = "that no run made or that were changed since"
         raise RefusedError(f"{shown} holds files {why} ({names}): it is not replaced; choose another --out")
     raise RefusedError(
-        f"{shown} holds files and no {MANIFEST} that says a run made them ({names}): it is not replaced; choose another "
-        "--out, or remove the folder yourself (one that an earlier version made has none)"
+        f"{shown} holds files and no {MANIFEST} that says a run made them ({names}): it is not replaced; choose "
+        "another --out, or remove the folder yourself (one that an earlier version made has none)"
     )
 
 

@@ -29,14 +29,19 @@ def require_replaceable(target: Path, inputs: Iterable[Path] = ()) -> None:
     Args:
         inputs: files and folders that the run reads.
     Raises:
-        RefusedError: the target is a file or a link, holds an input, or holds a file that no run made or that was
-            changed since: by its manifest.json. A folder without one (of an earlier version, or somebody's) is refused
-            unless it is empty. What `make` made in its C code does not count.
+        RefusedError: the target is a file, a link or where a file system is mounted, holds an input, or holds a file
+            that no run made or that was changed since: by its manifest.json. A folder without one (of an earlier
+            version, or somebody's) is refused unless it is empty. What `make` made in its C code does not count.
         InputError: the target cannot be read.
     """
     where = absolute(target)
     if where.is_symlink() or (where.exists() and not where.is_dir()):
         raise RefusedError(f"{target} is not a folder: nothing was written; choose another --out")
+    if os.path.ismount(where):
+        raise RefusedError(
+            f"{target} is where a file system is mounted, which cannot change places with a new folder: choose a "
+            f"folder in it, such as {target / 'run'}"
+        )
     for folder in (where, *where.parents):
         if folder.exists():
             if not folder.is_dir():
@@ -85,7 +90,7 @@ def _refuse_foreign(folder: Path, shown: Path) -> None:
         raise RefusedError(f"{shown} holds files {why} ({names}): it is not replaced; choose another --out")
     raise RefusedError(
         f"{shown} holds files and no {MANIFEST} that says a run made them ({names}): it is not replaced; choose "
-        "another --out, or remove the folder yourself (one that an earlier version made has none)"
+        "another --out, or remove the folder if a version before these manifests made it"
     )
 
 

@@ -138,7 +138,7 @@ def _document(data: bytes) -> Any:
         try:
             document = read(data)
             json.dumps(document)
-        except (ValueError, TypeError, RecursionError, yaml.YAMLError):
+        except (ValueError, TypeError, LookupError, AttributeError, RecursionError, yaml.YAMLError):
             continue
         return document
     return None

@@ -63,14 +63,15 @@ C_MANIFEST = "symcal_export.json"
 class Command:
     """A command of the program, as `work(inputs, out, seed)`: into the folder out, differently by seed.
 
-    made: the names in `out` that it makes. computed: (module, name) of what it computes without a step. steps: how many
-        of its steps at most.
+    made: the names in `out` that it makes. computed: (module, name) of what it computes without a step, by `computing`
+        (the work itself if not said) once and for all. steps: how many of its steps at most.
     """
 
     work: Callable[[Path, Path, int], object]
     made: tuple[str, ...]
     computed: tuple[tuple[Any, str], ...] = ()
     steps: int = STEPS
+    computing: Callable[[Path, Path, int], object] | None = None
 
 
 def _run(figures: bool) -> Callable[[Path, Path, int], object]:
@@ -106,7 +107,7 @@ def _measure(inputs: Path, out: Path, seed: int) -> None:
 IDENTIFY, PLAN = (identification_folder, "identify_experiment"), (planning, "plan_experiment")
 COMMANDS = {
     "run": Command(_run(False), ("run",), (IDENTIFY,)),
-    "run with figures": Command(_run(True), ("run",), (IDENTIFY,), steps=10),
+    "run with figures": Command(_run(True), ("run",), (IDENTIFY,), steps=10, computing=_run(False)),
     "identify": Command(_identify, ("run",), (IDENTIFY,)),
     "plan": Command(_plan, ("run",), (PLAN,)),
     "export json": Command(_export("json"), ("robot.json", "corrections.csv")),
@@ -167,7 +168,8 @@ class Kills:
         for seed in (1, 2):
             self.models[seed] = self.folder / f"model{seed}"
             self.models[seed].mkdir()
-            self.command.work(inputs, self.models[seed], seed)
+            # in a child: what draws the report has threads of its own, which a fork would not take along
+            assert together([lambda seed=seed: self.command.work(inputs, self.models[seed], seed)]) == [0]
         self.marks = {seed: [mark(self.models[seed] / name) for name in self.command.made] for seed in (1, 2)}
         assert all(a != b for a, b in zip(self.marks[1], self.marks[2], strict=True))
         self.out = self.folder / "out"
@@ -179,6 +181,9 @@ class Kills:
 
     def work(self) -> None:
         self.command.work(self.inputs, self.out, 2)
+
+    def in_child(self) -> None:
+        assert together([self.work]) == [0]
 
     def after(self, killed: bool, next_command: Callable[[], object]) -> None:
         """Look at what a kill left, and at what the next command leaves."""
@@ -220,14 +225,14 @@ class Kills:
         """Killed at its steps."""
         with self.computed():
             self.fresh()
-            self.work()
+            (self.command.computing or self.command.work)(self.inputs, self.out, 2)
             self.fresh()
             steps = count_steps(self.work, self.out)
             chosen = sorted({int(i) for i in np.linspace(0, steps - 1, min(steps, self.command.steps))})
             for step in chosen:
                 self.fresh()
                 assert kill_at(self.work, step, self.out)
-                self.after(True, self.work)
+                self.after(True, self.in_child)
         return self.told(f"at {len(chosen)} of {steps} steps")
 
     def at_random(self, count: int, rng: np.random.Generator) -> str:
@@ -238,7 +243,7 @@ class Kills:
         duration = time.monotonic() - start
         for moment in rng.uniform(0, duration, count):
             self.fresh()
-            self.after(kill_after(self.work, moment), self.work)
+            self.after(kill_after(self.work, moment), self.in_child)
         return self.told(f"at {count} random moments within {duration:.2f} s")
 
     def at_once(self, processes: int = 4, rounds: int = 3) -> str:

@@ -254,6 +254,30 @@ def test_a_folder_without_a_manifest_is_refused_even_with_a_runs_names(tmp_path)
     assert (target / "measurements.csv").read_text() == "a day of work"
 
 
+def test_what_make_made_of_the_code_goes_with_it_and_nothing_else(tmp_path):
+    target = tmp_path / "run"
+    write(target, "first")
+    (target / "c" / "build").mkdir(parents=True)
+    for name in ("arm_kinematics.double.o", "libarm_kinematics.a", "selftest.float"):
+        (target / "c" / "build" / name).write_bytes(b"built")
+    for name in ("c/build/notes.txt", "c/mine.o", "build/mine.o", "c/build/deep/mine.o"):
+        (target / name).parent.mkdir(exist_ok=True)
+        (target / name).write_text("mine")
+        with pytest.raises(RefusedError, match=name):
+            write(target, "second")
+        (target / name).unlink()
+    write(target, "second")
+    assert text_of(target) == "second"
+    assert not (target / "c").exists()
+
+
+def test_who_has_a_folder_of_an_earlier_version_is_told_what_to_do(tmp_path):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "results.json").write_text("{}")
+    with pytest.raises(RefusedError, match=r"remove the folder if a version before"):
+        require_replaceable(tmp_path / "run")
+
+
 def test_a_big_folder_is_refused_without_being_read_through(tmp_path, monkeypatch):
     target = tmp_path / "home"
     for i in range(30):
@@ -398,6 +422,18 @@ def test_a_protected_folder_is_an_error_before_the_work(tmp_path, monkeypatch, p
     with pytest.raises(InputError, match="cannot be written: Permission denied"):
         require_replaceable(tmp_path / "run")
     assert text_of(tmp_path / "run") == "first"
+
+
+def test_where_a_file_system_is_mounted_is_refused_before_the_work(tmp_path, monkeypatch):
+    """A volume of a container cannot be exchanged, and what stands beside it is lost with the container."""
+    assert os.path.ismount("/proc") or os.path.ismount("/dev")
+    mounted = Path("/proc" if os.path.ismount("/proc") else "/dev")
+    with pytest.raises(RefusedError, match=rf"mounted.* choose a folder in it, such as {mounted}/run"):
+        require_replaceable(mounted)
+    write(tmp_path / "volume" / "run", "first")
+    monkeypatch.setattr(os.path, "ismount", lambda path: Path(path) == tmp_path / "volume")
+    write(tmp_path / "volume" / "run", "second")
+    assert text_of(tmp_path / "volume" / "run") == "second"
 
 
 def test_an_empty_folder_is_filled(tmp_path):

@@ -26,6 +26,7 @@ from symcal.fit.half_rows import half_rows
 from symcal.fit.noise import known_sigma, unknown_noise
 from symcal.fit.redundancy import check_redundancy
 from symcal.fit.residual_rows import rows_of
+from symcal.fit.robust import LOSSES
 from symcal.fit.variances import Variances
 from symcal.fit.whitened import LINKS
 from symcal.model.measurement import Setup
@@ -37,7 +38,10 @@ from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
 
-_NEEDED = ("size_factors", "noise_estimated", "loss", "priors", "measurements", "learnt")
+_NEEDED = (
+    *("size_factor", "size_factors", "noise_sigma", "noise_estimated", "dof"),
+    *("loss", "priors", "measurements", "learnt"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,10 +137,14 @@ def _recorded(robot: Robot, task: Task) -> Mapping[str, Any]:
     """
     assert robot.record is not None
     provenance = robot.record.provenance
-    if any(key not in provenance for key in _NEEDED):
+    if any(provenance.get(key) is None for key in _NEEDED) or any(
+        not provenance["measurements"].get(o.name, {}).get("unknown") for o in task.observations
+    ):
         raise RefusedError("the calibration was recorded by an earlier version: identify again to compare")
     if provenance.get("trouble"):
         raise RefusedError("the recorded identification did not converge")
+    if provenance["loss"] not in LOSSES:
+        raise RefusedError(f"the recorded loss is not known: {provenance['loss']}")
     if robot.remainder is not None:
         raise RefusedError("the calibrated robot has a smooth remainder")
     if any(o.instrument.camera is not None for o in task.observations):

@@ -231,7 +231,8 @@ def _explain(document: Document, model: type[BaseModel], problem: ErrorDetails, 
     elif kind == "missing":
         owner = _model_at(model, loc[:-1])
         allowed = _choices(owner, loc[-1]) if owner else ()
-        key, message, found = (*key, loc[-1]), "this key is missing", None
+        # what is missing may be called like a key beside the one that it is missing in
+        key, message, found = (*_existing(document, loc[:-1]), loc[-1]), "this key is missing", None
     elif kind in ("literal_error", "enum"):
         message, allowed = "not one of the allowed values", _listed(context["expected"])
     elif kind == "union_tag_invalid":

@@ -53,10 +53,10 @@ def _of_earlier_file(provenance: Mapping[str, Any]) -> tuple[Reason, ...]:
     if provenance.get("trouble"):
         return (Reason("unsettled", f"the identification did not converge: {provenance['trouble']}"),)
     accuracy = provenance.get("accuracy") or {}
-    part = next((name for name in ("test", "cross_validation") if "after" in accuracy.get(name, {})), None)
     try:
+        part = next(name for name in ("test", "cross_validation") if "after" in accuracy.get(name, {}))
         before, after = (_rms(accuracy[part][state]) for state in ("before", "after"))
-    except (KeyError, TypeError, StopIteration):
+    except (KeyError, TypeError, ValueError, AttributeError, StopIteration):
         text = (
             "it was never judged by poses that it was not made from: judge it on new measurements with 'symcal "
             "validate', or identify it again"

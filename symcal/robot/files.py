@@ -79,7 +79,7 @@ def _record(c: CalibrationEntry | None, length: float, angle: float) -> Record |
         covariance=np.array(c.covariance).reshape(len(c.errors), len(c.errors)),
         nominal_base=c.nominal_base.matrix(length, angle),
         nominal_tool=c.nominal_tool.matrix(length, angle),
-        provenance=c.provenance,
+        provenance=c.provenance.facts,
     )
 
 

@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from symcal import spatial
 from symcal.documents.document import Document, Key, Strict, read_document, validate
 from symcal.parameters import link_name
+from symcal.robot.provenance import Provenance
 from symcal.robot.terms import Physics, PhysicsEntries
 from symcal.units import ANGLE, LENGTH, AngleUnit, LengthUnit
 from symcal.words import is_term_number
@@ -118,7 +119,7 @@ class CalibrationEntry(Strict):
     covariance: list[list[float]]
     nominal_base: Frame
     nominal_tool: Frame
-    provenance: dict[str, Any] = Field(default_factory=dict)
+    provenance: Provenance = Provenance()
 
 
 class RobotFile(PhysicsEntries):
@@ -205,7 +206,17 @@ def _check_calibration(document: Document, calibration: CalibrationEntry, parame
     n = len(calibration.errors)
     if [len(row) for row in calibration.covariance] != [n] * n:
         raise document.error(f"the covariance must be {n} x {n}, one row per error", ("calibration", "covariance"))
+    _check_finite(document, calibration.provenance.facts, ("calibration", "provenance"))
     for name in calibration.sigmas:
         if name not in calibration.errors:
             key = ("calibration", "sigmas", name)
             raise document.error("no error has this name", key, found=name, allowed=calibration.errors)
+
+
+def _check_finite(document: Document, value: object, key: Key) -> None:
+    """What no schema looks at has no NaN and no infinity either: JSON, which it is handed on in, has none."""
+    if isinstance(value, float) and not math.isfinite(value):
+        raise document.error("the number must be finite", key, found=value)
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for name, inside in items:
+        _check_finite(document, inside, (*key, name))

@@ -11,11 +11,12 @@ import numpy as np
 from symcal.export.delivery import deliver_c
 from symcal.export.results import code_facts
 from symcal.robot.robot import Robot
+from symcal.runs.folder import CODE
 
 
 def with_code(content: Mapping[str, Any], robot: Robot, folder: Path, seed: int) -> dict[str, Any]:
-    """The content of results.json after the robot was written as C into the folder `c`, or was refused."""
-    delivery = deliver_c(robot, folder / "c", np.random.default_rng(seed))
+    """The content of results.json after the robot was written as C into the folder `CODE`, or was refused."""
+    delivery = deliver_c(robot, folder / CODE, np.random.default_rng(seed))
     warnings = list(content["warnings"])
     if delivery.export is None:
         said = {reason["text"] for reason in content.get("decision", {}).get("reasons", ())}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +12,7 @@ import pandas as pd
 
 from symcal.calibration import results
 from symcal.calibration.robot_difference import RobotDifference, robot_difference
-from symcal.documents.read import DOCUMENT_LIMIT, TABLE_LIMIT, read_text
+from symcal.documents.read import TABLE_LIMIT, read_text
 from symcal.errors import InputError, RefusedError
 from symcal.outputs.whole_file import write_whole
 from symcal.report.comparison import cautions
@@ -22,6 +21,7 @@ from symcal.report.verdict import judging_part
 from symcal.robot.files import load_robot
 from symcal.robot.robot import Robot
 from symcal.runs.folder import require_replaceable, run_folder, write_json
+from symcal.runs.results_file import read_results, size_of
 
 MOST = 8
 """Runs in one comparison: more are not told apart in a figure."""
@@ -105,23 +105,12 @@ def _content(file: Path, robot: Robot) -> Mapping[str, Any]:
     beside = file.parent / "results.json"
     if not beside.is_file():
         return robot.record.provenance
-    try:
-        content = json.loads(read_text(beside, DOCUMENT_LIMIT))
-    except (ValueError, RecursionError):
-        raise InputError("this is not the JSON that a run writes", file=beside) from None
-    schema = content.get("schema") if isinstance(content, dict) else None
-    if schema != results.SCHEMA:
-        message = "these are not results that this version of symcal reads"
-        raise InputError(message, file=beside, key="schema", found=schema, allowed=(results.SCHEMA,))
-    try:
-        found = {name: each["error"] for name, each in content["identification"]["parameters"].items()}
-    except (KeyError, TypeError, AttributeError):
-        message = f"these are not the results of an identification, which {file.name} beside it is"
-        raise InputError(message, file=beside) from None
+    content = read_results(beside)
+    found = {name: each["error"] for name, each in content["identification"]["parameters"].items()}
     if found != dict(robot.record.errors):
         message = f"these are the results of another calibration than {file.name} beside it: compare whole runs"
         raise InputError(message, file=beside)
-    return dict(content)
+    return content
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
@@ -155,15 +144,20 @@ def _facts(run: Run) -> dict[str, Any]:
     }
     try:
         what, part = judged(content), judging_part(content)
-        states = content["accuracy"][part]
         facts["accuracy"] = {
             "part": part,
             "quantity": what.key,
             "unit": what.unit,
             "against": content.get("against"),
-            **{state: states[state][what.key] for state in ("before", "after")},
+            **{state: size_of(content, part, state, what.key) for state in ("before", "after")},
         }
-    except (KeyError, TypeError, StopIteration):  # a robot that was calibrated by other means says nothing of it
+    except (
+        KeyError,
+        TypeError,
+        ValueError,
+        AttributeError,
+        StopIteration,
+    ):  # a robot that was calibrated by other means says nothing of it
         pass
     return facts
 

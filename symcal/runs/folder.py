@@ -10,9 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from symcal.errors import InputError, RefusedError
+from symcal.export.c import is_built
 from symcal.outputs.manifest import MANIFEST, foreign_files, has_manifest, write_manifest
 from symcal.outputs.whole_file import write_whole
 from symcal.outputs.whole_folder import absolute, recover, whole_folder
+
+CODE = "c"
+"""Where the C code is in a run's folder."""
 
 _NAMED = 3  # files in a message
 
@@ -25,14 +29,19 @@ def require_replaceable(target: Path, inputs: Iterable[Path] = ()) -> None:
     Args:
         inputs: files and folders that the run reads.
     Raises:
-        RefusedError: the target is a file or a link, holds an input, or holds a file that no run made or that was
-            changed since: by its manifest.json. A folder without one (of an earlier version, or somebody's) is refused
-            unless it is empty.
+        RefusedError: the target is a file, a link or where a file system is mounted, holds an input, or holds a file
+            that no run made or that was changed since: by its manifest.json. A folder without one (of an earlier
+            version, or somebody's) is refused unless it is empty. What `make` made in its C code does not count.
         InputError: the target cannot be read.
     """
     where = absolute(target)
     if where.is_symlink() or (where.exists() and not where.is_dir()):
         raise RefusedError(f"{target} is not a folder: nothing was written; choose another --out")
+    if os.path.ismount(where):
+        raise RefusedError(
+            f"{target} is where a file system is mounted, which cannot change places with a new folder: choose a "
+            f"folder in it, such as {target / 'run'}"
+        )
     for folder in (where, *where.parents):
         if folder.exists():
             if not folder.is_dir():
@@ -69,15 +78,26 @@ def _refuse_foreign(folder: Path, shown: Path) -> None:
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise RefusedError(f"{shown} is not a folder: nothing was written; choose another --out")
     try:
-        foreign = foreign_files(folder)
+        foreign = foreign_files(folder, made_since=_made_from_code)
         known = not foreign or has_manifest(folder)
     except OSError as error:
         raise InputError(f"the output folder cannot be used: {error.strerror}", file=shown) from None
     if not foreign:
         return
     names = ", ".join(foreign[:_NAMED]) + (", ..." if len(foreign) > _NAMED else "")
-    why = "that no run made or that were changed since" if known else f"and no {MANIFEST} that says a run made them"
-    raise RefusedError(f"{shown} holds files {why} ({names}): it is not replaced; choose another --out")
+    if known:
+        why = "that no run made or that were changed since"
+        raise RefusedError(f"{shown} holds files {why} ({names}): it is not replaced; choose another --out")
+    raise RefusedError(
+        f"{shown} holds files and no {MANIFEST} that says a run made them ({names}): it is not replaced; choose "
+        "another --out, or remove the folder if a version before these manifests made it"
+    )
+
+
+def _made_from_code(path: str) -> bool:
+    """Whether `make` in a run's folder of C code made a file."""
+    folder, _, name = path.partition("/")
+    return folder == CODE and is_built(name)
 
 
 def write_json(path: Path, data: Mapping[str, Any]) -> None:

@@ -1,12 +1,16 @@
 # ruff: noqa: SIM905 - lists of words are read more easily as text
-"""Inputs made worse: bytes flipped, lines moved, words replaced by nasty ones, files cut and spliced."""
+"""Inputs made worse: bytes flipped, lines moved, words replaced by nasty ones, files cut and spliced; in documents
+values of another kind, which every parser takes."""
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+import yaml
 
 Rng = np.random.Generator
 
@@ -103,7 +107,57 @@ def _encoded(rng: Rng, data: bytes, _: Sequence[bytes]) -> bytes:
     return text.encode(str(rng.choice(["utf-16", "utf-8-sig", "latin-1", "utf-32"])), "replace")
 
 
+_VALUES: tuple[Any, ...] = (
+    *(None, True, False, 0, -1, 3, 0.5, 1e12, -1e-300, "", "x", "position", [], {}, [[]], [{}], {"x": 1}, [1.0, 2.0]),
+    *([None], [3, 4, 5], ["x", "x"], {"": None}, {"rms": None}, [[1.0, 0.0], [0.0, 1.0]], {"theta_1": "x"}),
+)
+
+
+def _value(rng: Rng, data: bytes, _: Sequence[bytes]) -> bytes:
+    """A value of a document taken out, changed for one of another kind, or for another of the same document."""
+    document = _document(data)
+    if not isinstance(document, (dict, list)) or not document:
+        return data
+    inside, key = _place(rng, document)
+    match rng.integers(4):
+        case 0:
+            del inside[key]
+        case 1:
+            other, its = _place(rng, document)
+            inside[key] = json.loads(json.dumps(other[its]))
+        case _:
+            inside[key] = _VALUES[rng.integers(len(_VALUES))]
+    return json.dumps(document, indent=1).encode()
+
+
+def _document(data: bytes) -> Any:
+    """What JSON or YAML says, as far as JSON can say it; None where it is neither."""
+    if data.lstrip()[:1] not in (b"{", b"[") and b": " not in data[:2000]:
+        return None
+    for read in (json.loads, lambda text: yaml.load(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))):
+        try:
+            document = read(data)
+            json.dumps(document)
+        except (ValueError, TypeError, LookupError, AttributeError, RecursionError, yaml.YAMLError):
+            continue
+        return document
+    return None
+
+
+def _place(rng: Rng, document: Any) -> tuple[Any, Any]:
+    """A mapping or list in a document and one of its keys, reached from the top: what is rare is met as often as what
+    is long."""
+    inside = document
+    while True:
+        key = list(inside)[rng.integers(len(inside))] if isinstance(inside, dict) else int(rng.integers(len(inside)))
+        deeper = inside[key]
+        if not isinstance(deeper, (dict, list)) or not deeper or rng.random() < 0.3:
+            return inside, key
+        inside = deeper
+
+
 _MUTATIONS = (
+    *(_value,) * 5,
     *(_token,) * 5,
     *(_number,) * 4,
     *(_lines,) * 3,

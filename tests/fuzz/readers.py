@@ -13,6 +13,8 @@ import numpy as np
 
 import symcal as sc
 
+from .finished import beside, finished, read_calibrated, read_manifest, read_results
+
 ROOT = Path(__file__).resolve().parent.parent.parent
 CONFIGS = ROOT / "configs"
 
@@ -254,7 +256,12 @@ _BOARDS = (
 
 READERS: dict[str, Reader] = {
     "robot": Reader(lambda path: sc.load_robot(path).reach, _robots),
-    "calibrated": Reader(lambda path: sc.load_robot(path).nominal(), lambda _: [_calibrated()]),
+    "calibrated": Reader(
+        partial(read_calibrated, ARM),
+        lambda _: [_calibrated(), (finished(ARM) / "calibrated.yaml").read_bytes()],
+    ),
+    "results": Reader(partial(read_results, ARM), lambda folder: beside(ARM, folder, "results.json"), ".json"),
+    "manifest": Reader(read_manifest, lambda folder: beside(ARM, folder, "manifest.json"), ".json"),
     "experiment": Reader(_experiment, _configs),
     "set": Reader(_set, lambda _: [text.encode() for text in _SETS], ".txt"),
     "urdf": Reader(_urdf, lambda _: [URDF], ".urdf"),

@@ -128,7 +128,7 @@ def _check_replaceable(folder: Path, shown: Path) -> None:
     if not folder.is_dir():
         raise InputError("there is a file of this name; a folder is to be written", file=shown)
     try:
-        foreign = foreign_files(folder, MANIFEST, made_since=_built)
+        foreign = foreign_files(folder, MANIFEST, made_since=is_built)
     except OSError as error:
         raise InputError(f"the folder cannot be read: {error.strerror}", file=shown) from None
     if foreign:
@@ -139,7 +139,8 @@ def _check_replaceable(folder: Path, shown: Path) -> None:
         raise InputError(message, file=shown, found=foreign[0])
 
 
-def _built(path: str) -> bool:
-    """Whether the exported Makefile makes this file; it goes with the export that it was made from."""
+def is_built(path: str) -> bool:
+    """Whether the exported Makefile makes this file, a path in the exported folder; it goes with the export that it was
+    made from, and is nobody's own."""
     folder, _, name = path.partition("/")
     return folder == BUILD and "/" not in name and (name.endswith((".o", ".a")) or name.startswith("selftest."))

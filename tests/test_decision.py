@@ -58,6 +58,18 @@ def test_what_is_good_is_accepted() -> None:
     assert "the tolerance is 0.500 mm and 0.100 deg" in found.sentence
 
 
+def test_large_errors_that_unseen_poses_confirm_are_a_caution() -> None:
+    """A robot file that is 30 mm off, right at poses of a test, is no mistake of the measurements."""
+    reason = Reason("implausible", "d_2 is off by 30 mm, more than 10 times its plausible 1 mm", "d_2")
+    wild = {"implausible": (reason,)}
+    assert not decide(good(**wild)).accepted
+    found = decide(good(**wild, conceivable=frozenset({"d_2"})))
+    assert found.accepted
+    assert found.cautions[0].startswith(reason.text)
+    hardly = held_out(errors(0.5, seed=4))
+    assert not decide(good(**wild, **hardly, conceivable=frozenset({"d_2"}))).accepted
+
+
 @pytest.mark.parametrize(
     ("changed", "kind", "words"),
     [

@@ -29,6 +29,10 @@ error."""
 HARDLY = 0.9
 """Of the error of the nominal robot: what leaves more of it, and more than robots are off, has found nothing."""
 
+_CONFIRMED = 3.0
+"""Times that a calibration must err less than the nominal robot at unseen poses for these to confirm large errors of
+the robot file."""
+
 
 @dataclass(frozen=True, slots=True)
 class Decision:
@@ -92,27 +96,35 @@ def decide(found: Evidence, tolerance: Tolerance | None = None) -> Decision:
     Args:
         tolerance: None: the calibration must be better than the nominal robot by more than chance.
     """
-    reasons = list(_always(found))
     gain = Gain.of(found.errors, found.aside)
+    reasons = list(_always(found, gain))
     if tolerance is None:
         reasons += _without_tolerance(gain)
         said = "" if gain is None else f"{gain.text}; no tolerance was given"
-        return Decision(None, tuple(reasons), said, tuple(_cautions(found, reasons)))
+        return Decision(None, tuple(reasons), said, tuple(_cautions(found, gain, reasons)))
     reasons += against(found, tolerance)
-    open_ = [*_cautions(found, reasons), *cautions(found, tolerance)]
+    open_ = [*_cautions(found, gain, reasons), *cautions(found, tolerance)]
     if gain is not None and not gain.beyond_chance:
         open_.append(gain.text)
     return Decision(tolerance, tuple(reasons), basis(found, tolerance), tuple(open_))
 
 
-def _always(found: Evidence) -> Iterator[Reason]:
+def _always(found: Evidence, gain: Gain | None) -> Iterator[Reason]:
     """What speaks against a calibration whatever is asked of it."""
     if found.trouble:
         yield Reason("unsettled", f"the identification did not converge: {found.trouble}")
     for mistake in found.mistakes:
         yield Reason("mistake", str(mistake["text"]))
-    yield from found.implausible
+    confirmed = _confirmed(found, gain)
+    yield from (reason for reason in found.implausible if reason not in confirmed)
     yield from _worthless(found)
+
+
+def _confirmed(found: Evidence, gain: Gain | None) -> tuple[Reason, ...]:
+    """Implausible errors that poses which the calibration was not made from confirm."""
+    if gain is None or not gain.beyond_chance or _CONFIRMED * gain.after > gain.before:
+        return ()
+    return tuple(reason for reason in found.implausible if reason.parameter in found.conceivable)
 
 
 def _worthless(found: Evidence) -> Iterator[Reason]:
@@ -151,7 +163,7 @@ def _without_tolerance(gain: Gain | None) -> Iterator[Reason]:
         yield Reason("no_gain", gain.text)
 
 
-def _cautions(found: Evidence, reasons: Sequence[Reason]) -> Iterator[str]:
+def _cautions(found: Evidence, gain: Gain | None, reasons: Sequence[Reason]) -> Iterator[str]:
     """What to be careful with that no reason says."""
     if found.part == "left_out":
         yield "no pose was held out: poses were left out in turn of the linearised fit"
@@ -159,6 +171,8 @@ def _cautions(found: Evidence, reasons: Sequence[Reason]) -> Iterator[str]:
         names = ", ".join(found.aside.values())
         yield f"held-out pose{'s' if len(found.aside) > 1 else ''} {names} set aside as slips: measure again there"
     yield from found.large
+    for reason in _confirmed(found, gain):
+        yield f"{reason.text}; unseen poses confirm it: is the robot file of this robot?"
     halves = found.halves or {}
     told = any(reason.kind == "halves" for reason in reasons)
     if halves.get("agree") is False and halves.get("text") and not told:

@@ -36,12 +36,12 @@ class Evidence:
     """What a run found that a decision is made of; what was not looked at is empty.
 
     errors: by part (`train`, `test`, `cross_validation`, `left_out`) and state. trouble: why the fit is none.
-    implausible: corrections beyond measure. uncalibrated: errors (rms) of a robot that was never calibrated, by its
-    plausible sizes, the stated noise of the measurement included. open: errors that the uncertainty of the parameters
-    lets expect, ``over`` (`the working area`), by the statistic of the tolerance. foremost: the parameter that has the
-    largest part in that of position. outside: postures that the measured poses do not reach. lacks: what the model
-    lacks. outliers, mistakes, halves: of results.json. aside: held-out poses that are gross slips: by number, their
-    label. large: of joint terms, in words.
+    implausible: corrections beyond measure. conceivable: parameters among them that an error of the robot file may
+    explain. uncalibrated: errors (rms) of a robot that was never calibrated, by its plausible sizes, the stated noise
+    of the measurement included. open: errors that the uncertainty of the parameters lets expect, ``over`` (`the working
+    area`), by the statistic of the tolerance. foremost: the parameter that has the largest part in that of position.
+    outside: postures that the measured poses do not reach. lacks: what the model lacks. outliers, mistakes, halves: of
+    results.json. aside: held-out poses that are gross slips: by number, their label. large: of joint terms, in words.
     """
 
     errors: Mapping[str, Mapping[str, Errors]]
@@ -58,6 +58,7 @@ class Evidence:
     halves: Mapping[str, Any] | None = None
     aside: Mapping[int, str] = field(default_factory=dict)
     large: tuple[str, ...] = ()
+    conceivable: frozenset[str] = frozenset()
 
     @property
     def part(self) -> str | None:

@@ -12,6 +12,8 @@ from symcal.robot.robot import Robot
 
 IMPLAUSIBLE = 10.0
 """Plausible scales beyond which an error of a link or joint term is taken for a mistake: 10 mm, 0.1 rad by default."""
+FAR = 50.0
+"""Plausible scales beyond which nothing makes an error plausible."""
 _NAMED = 5
 
 
@@ -28,6 +30,11 @@ def implausible(robot: Robot) -> tuple[Reason, ...]:
             limit = f"{IMPLAUSIBLE:g} times its plausible {_text(p, p.scale)}"
             found.append(Reason("implausible", f"{p.name} is off by {_text(p, error)}, more than {limit}", p.name))
     return tuple(found)
+
+
+def conceivable(robot: Robot) -> frozenset[str]:
+    """Parameters beyond measure that an error of the robot file may explain: what unseen poses confirm."""
+    return frozenset(p.name for p, error, _ in _beyond(robot) if abs(error) <= FAR * p.scale)
 
 
 def large_terms(robot: Robot) -> tuple[str, ...]:

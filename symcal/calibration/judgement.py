@@ -17,7 +17,7 @@ from symcal.calibration.decision import Decision, decide
 from symcal.calibration.evaluate import Errors
 from symcal.calibration.evidence import Evidence, Lack
 from symcal.calibration.foretold_errors import foremost, open_errors, uncalibrated
-from symcal.calibration.implausible import implausible, large_terms
+from symcal.calibration.implausible import implausible, large_terms, conceivable
 from symcal.calibration.left_out import left_out
 from symcal.calibration.mistakes.mistake import mistake_facts
 from symcal.calibration.outliers import outlier_facts
@@ -74,6 +74,7 @@ def decide_run(
         mistakes=content.get("mistakes", ()),
         halves=content.get("halves"),
         large=large_terms(calibration.robot),
+        conceivable=conceivable(calibration.robot),
         aside=_slips(data, content.get("outliers", ())),
     )
     if tolerance is not None and np.isfinite(after.x).all():
@@ -122,6 +123,7 @@ def decide_validation(
         uncalibrated(before, q),
         mistakes=content.get("mistakes", ()),
         halves=content.get("halves"),
+        conceivable=conceivable(robot),
     )
     return decide(found, tolerance)
 

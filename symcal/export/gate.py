@@ -26,8 +26,9 @@ def doubts(robot: Robot) -> tuple[Reason, ...]:
     provenance = robot.record.provenance
     decision = Decision.recalled(provenance.get("decision"))
     found = decision.reasons if decision is not None else _of_earlier_file(provenance)
-    said = {reason.text for reason in found}
-    return (*found, *(reason for reason in implausible(robot) if reason.text not in said))
+    said = [reason.text for reason in found] + ([] if decision is None else list(decision.cautions))
+    new = (reason for reason in implausible(robot) if not any(text.startswith(reason.text) for text in said))
+    return (*found, *new)
 
 
 def check_exportable(robot: Robot, force: bool = False) -> tuple[Reason, ...]:

@@ -17,7 +17,7 @@ from symcal.calibration.decision import Decision, decide
 from symcal.calibration.evaluate import Errors
 from symcal.calibration.evidence import Evidence, Lack
 from symcal.calibration.foretold_errors import foremost, open_errors, uncalibrated
-from symcal.calibration.implausible import implausible, large_terms, conceivable
+from symcal.calibration.implausible import conceivable, implausible, large_terms
 from symcal.calibration.left_out import left_out
 from symcal.calibration.mistakes.mistake import mistake_facts
 from symcal.calibration.outliers import outlier_facts

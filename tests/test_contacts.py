@@ -222,17 +222,17 @@ def test_a_known_distance_tells_the_length_and_a_wrong_one_is_refused(rng: np.ra
     free = build_model(ARM, sc.Task((pin("left"), pin("right", true))))
     spread = []
     for each in (free, model):
-        after = calibrate(each, None, data, Options(sigma={}, scales="estimated")).after
+        after = calibrate(each, None, data, Options(sigma={}, scales="estimated"), mistakes=()).after
         spread.append(spread_of_growth(each, after))
     assert spread[1] < 0.5 * spread[0]
-    after = calibrate(build_model(ARM, task(121.0)), None, data, Options())
+    after = calibrate(build_model(ARM, task(121.0)), None, data, Options(), mistakes=())
     assert any("what is known of 'gap'" in note for note in after.notes)
     after = calibrate(model, None, data, Options())
     assert not any("what is known of 'gap'" in note for note in after.notes)
     with pytest.raises(RefusedError, match="shrinks the arm by"):
-        calibrate(build_model(ARM, task(115.0)), None, data, Options())
+        calibrate(build_model(ARM, task(115.0)), None, data, Options(), mistakes=())
     with pytest.raises(RefusedError, match="half of the poses are off"):
-        calibrate(build_model(ARM, task(60.0)), None, data, Options())
+        calibrate(build_model(ARM, task(60.0)), None, data, Options(), mistakes=())
 
 
 # --------------------------------------------------------------------------------------------------------------- plans

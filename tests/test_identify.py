@@ -108,7 +108,7 @@ def test_large_errors_are_not_taken_for_noise(kind: str, degrees: float, poses: 
         rng = np.random.default_rng(seed)
         truth = elsewhere(model, random_frame(rng, 3000.0), np.eye(4))
         errors = errors_of(model, rng, np.deg2rad(degrees))
-        found = calibrate(model, None, measure(truth, errors, poses, rng, 0.05, 1e-4), Options())
+        found = calibrate(model, None, measure(truth, errors, poses, rng, 0.05, 1e-4), Options(), mistakes=())
         assert found.after.sigmas["position"] == pytest.approx(0.05, rel=0.6)
         assert position_rms(found, measure(truth, errors, 100, rng)) < 0.25
 

@@ -228,7 +228,7 @@ def test_doubtful_numbers_are_not_exported(configs: Path, tmp_path: Path) -> Non
         "outputs.figures=false",
         "outputs.report=false",
         "outputs.c=true",
-        "data.truth.errors.theta_4=0.2",
+        "data.truth.errors.theta_4=0.7",
     )
     folder, found = run(configs / "simulated_arm.yaml", tmp_path / "out", overrides=overrides)
     assert not (folder / "c").exists()

@@ -39,7 +39,7 @@ np.testing.assert_allclose(f(q)[0], np.sin(q) * 1.75, rtol=1e-15)
 def child(cache: Path | str, where: Path, **environment: str) -> None:
     """The same kernel in a new process; it must come to its end, right and silent."""
     done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", CHILD],
+        [sys.executable, "-P", "-W", "error", "-c", CHILD],  # -P: what lies in its folder is no package
         env={**os.environ, "XDG_CACHE_HOME": str(cache), **environment},
         cwd=where,
         capture_output=True,

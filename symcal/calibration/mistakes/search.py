@@ -1,9 +1,9 @@
 """The search for a gross mistake between the robot file and a file of measurements.
 
 Every hypothesis of a small finite set is tried with frames fitted anew (`rotation_fit`); one that explains the readings
-`BETTER` times better than they are as given is named. Several may be the same to these data, as a sign of joint 1 and a zero
-of joint 2 off by half a turn: they leave the same then, and the class of all of them is named. What a mistake moves as
-a frame would is a gauge: the data as given are then as good, and nothing is said. The way is ours.
+`BETTER` times better than they are as given is named. Several may be the same to these data, as a sign of joint 1 and
+a zero of joint 2 off by half a turn: they leave the same then, and the class of all of them is named. What a mistake
+moves as a frame would is a gauge: the data as given are then as good, and nothing is said. The way is ours.
 """
 
 from __future__ import annotations

@@ -17,10 +17,10 @@ from symcal.calibration.loss_choice import LossChoice, choose_loss
 from symcal.calibration.mistakes.identified import TRIED, UNTRIED, told_by_identification
 from symcal.calibration.mistakes.mistake import Mistake
 from symcal.calibration.mistakes.search import find_mistakes
-from symcal.calibration.outliers import Outlier, outliers
-from symcal.calibration.plausibility import CHECK, plausibility, unexplained
+from symcal.calibration.outliers import Outlier, StandingOut, outliers
+from symcal.calibration.plausibility import CHECK, SLIPS, plausibility, unexplained
 from symcal.calibration.record import measurement_record
-from symcal.calibration.warnings import quality
+from symcal.calibration.warnings import outlier_notes, quality
 from symcal.data.dataset import Dataset, Readings
 from symcal.errors import InputError, RefusedError
 from symcal.fit.estimation import Fit, Options, fit
@@ -109,7 +109,7 @@ def calibrate(
             found = (told_by_identification(model, data) or ()) if searched else found
             if not found:
                 raise
-            raise RefusedError(f"{'; '.join(each.text for each in found)}. {error}") from None
+            raise RefusedError(f"{'; '.join(each.text for each in found)}. {_capital(str(error))}") from None
         notes = calibration.notes
         if searched and unexplained(data.part("train"), calibration.before, calibration.states["after"]):
             told = told_by_identification(model, data)
@@ -117,8 +117,19 @@ def calibrate(
             if not found:
                 said = UNTRIED if told is None else TRIED
                 notes = tuple(f"{note} ({said})" if CHECK in note else note for note in notes)
-        notes = (*(each.text for each in found), *notes)
+        if found:
+            notes = (*(each.text for each in found), *_without_advice(calibration))
         return replace(calibration, notes=notes, mistakes=found)
+
+
+def _without_advice(calibration: Calibration) -> list[str]:
+    """What is said of a calibration but for slips and columns to look at: a mistake that is named makes them."""
+    slips = outlier_notes(StandingOut(calibration.outliers), calibration.after.loss)
+    return [note for note in calibration.notes if note not in slips and CHECK not in note and SLIPS not in note]
+
+
+def _capital(sentence: str) -> str:
+    return sentence[:1].upper() + sentence[1:]
 
 
 @contextmanager

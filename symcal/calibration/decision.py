@@ -169,7 +169,8 @@ def _cautions(found: Evidence, gain: Gain | None, reasons: Sequence[Reason]) -> 
         yield "no pose was held out: poses were left out in turn of the linearised fit"
     if found.aside:
         names = ", ".join(found.aside.values())
-        yield f"held-out pose{'s' if len(found.aside) > 1 else ''} {names} set aside as slips: measure again there"
+        slips = f"poses {names} set aside as slips" if len(found.aside) > 1 else f"pose {names} set aside as a slip"
+        yield f"held-out {slips}: measure again there"
     yield from found.large
     for reason in _confirmed(found, gain):
         yield f"{reason.text}; unseen poses confirm it: is the robot file of this robot?"

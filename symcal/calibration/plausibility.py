@@ -17,6 +17,7 @@ from symcal.words import plural
 Array = NDArray[np.float64]
 
 CHECK = "check the order, units and signs of the joint columns"
+SLIPS = "look at the poses that stand out first"
 """Advice where nominal kinematics does not go with the measurements."""
 _FAR = 0.03  # of the robot's length: postures that touch one thing are rarely so far from it by nominal kinematics
 _OFF = 0.1  # of the measured spread: a nominal robot is rarely so far off
@@ -91,8 +92,7 @@ def _plausible(model: Model, data: Dataset, part: Part, r: Array, left: Array) -
         if few is not None:
             return [
                 f"{off}, but without "
-                f"{plural(few, 'reading')} by {_rms(position[_largest_last(position)[:-few]]):.4g} {unit}: look at the "
-                "poses that stand out first"
+                f"{plural(few, 'reading')} by {_rms(position[_largest_last(position)[:-few]]):.4g} {unit}: {SLIPS}"
             ]
         return [f"{off}, {error / extent:.0%} of the measured spread: {CHECK}, and the robot file"]
     return _turned(data, part, r, who)

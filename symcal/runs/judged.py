@@ -37,6 +37,8 @@ def with_check(
     check = model_check(calibration, data, replace(experiment.options, loss=calibration.after.loss))
     tried = experiment.file.identification.groups
     content["model_check"] = model_check_facts(check, tried)
+    if calibration.mistakes:  # which the residuals follow
+        return check, calibration
     content["warnings"] += model_warnings(check, tried)
     if not lacks_physics(check):
         return check, calibration
@@ -71,7 +73,7 @@ def with_halves(
     try:
         found = two_halves(calibration, data, experiment.options, np.random.default_rng(experiment.seed), area)
         content["halves"] = halves_facts(found)
-        content["warnings"] += halves_warnings(found)
+        content["warnings"] += () if calibration.mistakes else halves_warnings(found)
     except RefusedError as error:
         content["halves"] = halves_facts(str(error))
     return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import stat
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -35,7 +36,7 @@ def require_replaceable(target: Path, inputs: Iterable[Path] = ()) -> None:
         InputError: the target cannot be read.
     """
     where = absolute(target)
-    if where.is_symlink() or (where.exists() and not where.is_dir()):
+    if _is_folder(where) is False:
         raise RefusedError(f"{target} is not a folder: nothing was written; choose another --out")
     if os.path.ismount(where):
         raise RefusedError(
@@ -43,13 +44,13 @@ def require_replaceable(target: Path, inputs: Iterable[Path] = ()) -> None:
             f"folder in it, such as {target / 'run'}"
         )
     for folder in (where, *where.parents):
-        if folder.exists():
-            if not folder.is_dir():
-                raise InputError("the output folder cannot be used: Not a directory", file=target)
-            if not os.access(folder, os.W_OK | os.X_OK):
-                raise InputError("the output folder cannot be written: Permission denied", file=target)
-            if folder != where:
-                break
+        found = _is_folder(folder)
+        if found is False:
+            raise InputError("the output folder cannot be used: Not a directory", file=target)
+        if found and not _writable(folder):
+            raise InputError("the output folder cannot be written: Permission denied", file=target)
+        if found and folder != where:
+            break
     recover(where)
     for path in inputs:
         if any(own.is_relative_to(where) for own in (path.absolute(), path.resolve())):
@@ -73,9 +74,22 @@ def run_folder(target: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
         yield folder
 
 
+def _is_folder(path: Path) -> bool | None:
+    """None where nothing is; a link is none. Asked once: other runs may take a folder away and put another there."""
+    try:
+        return stat.S_ISDIR(path.lstat().st_mode)
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+
+
+def _writable(folder: Path) -> bool:
+    """Whether a folder may be written, or is not there for a moment."""
+    return os.access(folder, os.W_OK | os.X_OK) or not (_is_folder(folder) and not os.access(folder, os.W_OK | os.X_OK))
+
+
 def _refuse_foreign(folder: Path, shown: Path) -> None:
     """Refuse what no run made, or what was changed since; an empty folder is nobody's."""
-    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+    if _is_folder(folder) is False:
         raise RefusedError(f"{shown} is not a folder: nothing was written; choose another --out")
     try:
         foreign = foreign_files(folder, made_since=_made_from_code)

@@ -16,8 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from cases import ARM, handling, prismatic, revolute
-from known_truth import SCENARIOS, measured, sessions, told
-from model_check_draws import NOISE, SCENES, Plant, model_of, only, positioner, sag, wave
+from model_check_draws import NOISE, SCENES, Plant, measured_scene, model_of, only, positioner, sag, wave
 from numpy.typing import NDArray
 from scipy import stats
 from strategies import random_frame
@@ -117,14 +116,7 @@ class Second:
 
 
 def scene(name: str, rng: np.random.Generator) -> Halves:
-    """Of a scenario of `known_truth`, its noise unknown."""
-    scenario = SCENARIOS[name](rng)
-    model = told(name, scenario)
-    p = model.parameters
-    errors = {n: float(rng.normal() * s * 0.3) for n, s in zip(p.names, p.scales, strict=True) if n in ARM.parameters}
-    true = replace(model, setup=scenario.setup)
-    data = simulate(true, errors, measured(true, scenario, rng), Noise(by_instrument=scenario.noise), rng)
-    data = replace(data, z=sessions(model, data.z))
+    model, data = measured_scene(name, rng)
     return two_halves(calibrate(model, None, data, LINEAR), data, LINEAR, rng)
 
 

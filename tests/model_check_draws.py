@@ -25,6 +25,7 @@ from strategies import random_frame
 from symcal.calibration.calibrate import calibrate
 from symcal.calibration.model_check import ModelCheck, lacks_physics, model_check
 from symcal.calibration.simulate import simulate
+from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Options
 from symcal.instruments.noise import Noise
@@ -79,6 +80,11 @@ def checked(
 
 
 def scene(name: str, rng: np.random.Generator) -> ModelCheck:
+    model, data = measured_scene(name, rng)
+    return model_check(calibrate(model, None, data, Options()), data, Options())
+
+
+def measured_scene(name: str, rng: np.random.Generator) -> tuple[Model, Dataset]:
     """Of a scenario of `known_truth`, its noise unknown."""
     scenario = SCENARIOS[name](rng)
     model = told(name, scenario)
@@ -87,7 +93,7 @@ def scene(name: str, rng: np.random.Generator) -> ModelCheck:
     true = replace(model, setup=scenario.setup)
     data = simulate(true, errors, measured(true, scenario, rng), Noise(by_instrument=scenario.noise), rng)
     data = replace(data, z=sessions(model, data.z))
-    return model_check(calibrate(model, None, data, Options()), data, Options())
+    return model, data
 
 
 @cache

@@ -14,7 +14,6 @@ import contextlib
 import ctypes
 import hashlib
 import logging
-import os
 import platform
 import shutil
 import sys
@@ -25,6 +24,7 @@ from pathlib import Path
 
 from symcal.kernels.compiler import WITHOUT, Compiler, CompilerError, HungError, compile_c, find_compiler
 from symcal.kernels.own_folder import cache_folder, open_own_folder, private_folder, read_own_file
+from symcal.outputs.whole_file import flush_path
 
 logger = logging.getLogger(__name__)
 
@@ -166,26 +166,14 @@ def _build(compiler: Compiler, flags: tuple[str, ...], source: str, folder: Path
         except FileNotFoundError:
             raise CompilerError(f"the C compiler {compiler.command[0]} wrote nothing") from None
         path = folder / f"{key}-{hashlib.sha256(content).hexdigest()}{_SUFFIX}"
-        _to_disk(built)
+        flush_path(built)  # so that a power cut costs nothing; the hash is what is relied on
         built.replace(path)
-    _to_disk(folder)
+    flush_path(folder)
     try:
         return _loaded(path, entry)
     except OSError as error:
         _remove(path)
         raise CompilerError(f"what the C compiler {compiler.command[0]} wrote does not load: {error}") from None
-
-
-def _to_disk(path: Path) -> None:
-    """So that a power cut costs nothing, where the file system can promise that; the hash is what is relied on."""
-    if sys.platform == "win32":  # where a folder cannot be opened, nor a file flushed that is open for reading
-        return
-    with contextlib.suppress(OSError):
-        handle = os.open(path, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
 
 
 def _sweep(folder: Path) -> None:

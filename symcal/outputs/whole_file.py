@@ -58,7 +58,7 @@ def write_all_whole(contents: Mapping[Path, str | bytes]) -> None:
         for one in staged:
             os.replace(one.temporary, one.place)  # noqa: PTH105
         for folder in {one.place.parent for one in staged}:
-            flush_folder(folder)
+            flush_path(folder)
     except (OSError, ValueError) as error:
         raise InputError(_sentence(error), file=path) from None
     finally:
@@ -149,10 +149,10 @@ def real_place(path: Path) -> Path:
     return place
 
 
-def flush_folder(folder: Path) -> None:
-    """Bring the names of a folder to the disk, where the system can."""
+def flush_path(path: Path) -> None:
+    """Bring a file, or the names of a folder, to the disk, where the system can."""
     with contextlib.suppress(OSError):
-        descriptor = os.open(folder, os.O_RDONLY)
+        descriptor = os.open(path, os.O_RDONLY)
         try:
             os.fsync(descriptor)
         finally:

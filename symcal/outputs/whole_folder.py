@@ -26,7 +26,7 @@ from pathlib import Path
 from symcal.errors import InputError, RefusedError
 from symcal.outputs.exchange import exchange
 from symcal.outputs.locks import is_free, same_file, try_lock
-from symcal.outputs.whole_file import flush, flush_folder
+from symcal.outputs.whole_file import flush, flush_path
 
 _OCCUPIED = frozenset({errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR})
 _OVERTAKEN = _OCCUPIED | {errno.ENOENT}  # the old folder went, and another may stand there again
@@ -70,7 +70,7 @@ def whole_folder(target: Path, check: Check, seal: Check = lambda _: None) -> It
         except OSError as error:  # such as a folder of a lower layer of an overlay, which cannot be renamed
             message = f"the old folder cannot be replaced: {error.strerror}; it is untouched, and the result is in "
             raise InputError(message + str(_beside(stage.fresh, target)), file=target) from None
-        flush_folder(target.parent)
+        flush_path(target.parent)
     except InputError as error:
         if error.file is not None and error.file.is_relative_to(stage.fresh):
             error.file = target / error.file.relative_to(stage.fresh)
@@ -238,4 +238,4 @@ def _flush_tree(folder: Path) -> None:
                 flush(descriptor)
             finally:
                 os.close(descriptor)
-        flush_folder(Path(root))
+        flush_path(Path(root))

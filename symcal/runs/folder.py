@@ -35,6 +35,13 @@ def require_replaceable(target: Path, inputs: Iterable[Path] = ()) -> None:
             version, or somebody's) is refused unless it is empty. What `make` made in its C code does not count.
         InputError: the target cannot be read.
     """
+    _require_place(target, inputs)
+    recover(target)
+    _refuse_foreign(absolute(target), target)
+
+
+def _require_place(target: Path, inputs: Iterable[Path]) -> None:
+    """Refuse what can be no run's folder, whatever is in it, or holds what the run reads."""
     where = absolute(target)
     if _is_folder(where) is False:
         raise RefusedError(f"{target} is not a folder: nothing was written; choose another --out")
@@ -51,13 +58,11 @@ def require_replaceable(target: Path, inputs: Iterable[Path] = ()) -> None:
             raise InputError("the output folder cannot be written: Permission denied", file=target)
         if found and folder != where:
             break
-    recover(where)
     for path in inputs:
         if any(own.is_relative_to(where) for own in (path.absolute(), path.resolve())):
             raise RefusedError(
                 f"{path} is read by this run and lies in {target}: it would be lost; choose another --out"
             )
-    _refuse_foreign(where, target)
 
 
 @contextmanager
@@ -69,7 +74,7 @@ def run_folder(target: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
     Raises:
         RefusedError, InputError: as `require_replaceable`; the folder cannot be written.
     """
-    require_replaceable(target, inputs)
+    _require_place(target, inputs)
     with whole_folder(target, lambda folder: _refuse_foreign(folder, target), write_manifest) as folder:
         yield folder
 
@@ -84,7 +89,8 @@ def _is_folder(path: Path) -> bool | None:
 
 def _writable(folder: Path) -> bool:
     """Whether a folder may be written, or is not there for a moment."""
-    return os.access(folder, os.W_OK | os.X_OK) or not (_is_folder(folder) and not os.access(folder, os.W_OK | os.X_OK))
+    may = os.W_OK | os.X_OK
+    return os.access(folder, may) or not _is_folder(folder) or os.access(folder, may)
 
 
 def _refuse_foreign(folder: Path, shown: Path) -> None:

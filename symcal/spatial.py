@@ -10,6 +10,8 @@ Frames: `T_a_b` is the pose of b in a, shape (4, 4), translation in mm.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
+from itertools import permutations, product
 from typing import Any
 
 import casadi as ca
@@ -172,6 +174,12 @@ def matrix_pose(t: Array) -> Array:
     """Poses (x, y, z, qx, qy, qz, qw), shape (..., 7), mm, of T (..., 4, 4); the scalar part is never negative."""
     quaternion = Rotation.from_matrix(t[..., :3, :3]).as_quat(canonical=True)
     return np.concatenate([t[..., :3, 3], quaternion], axis=-1)
+
+
+def signed_permutations() -> Iterator[tuple[tuple[int, ...], tuple[float, ...], Array]]:
+    """All turns and mirrors of axes onto axes: order and signs of the rows, and the matrix, shape (3, 3)."""
+    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+        yield order, signs, np.eye(3)[list(order)] * np.array(signs)[:, None]
 
 
 def look_at(eye: Array, goal: Array, up: Array = np.array([0.0, 0.0, 1.0])) -> Array:

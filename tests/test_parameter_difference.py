@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from symcal.calibration.parameter_difference import Difference, Estimate, difference, holm
-from symcal.fit.difference import HalfRows
+from symcal.calibration.parameter_difference import Difference, Estimate, difference
+from symcal.fit.difference import HalfRows, holm
 from symcal.fit.difference import difference as by_halves
 
 SIZES = np.array([1.0, 0.01, 3.0, 0.2, 1.0])

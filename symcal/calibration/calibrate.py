@@ -23,11 +23,12 @@ from symcal.calibration.record import measurement_record
 from symcal.calibration.warnings import outlier_notes, quality
 from symcal.data.dataset import Dataset, Readings
 from symcal.errors import InputError, RefusedError
-from symcal.fit.estimation import Fit, Options, fit
+from symcal.fit.estimation import Fit, Options, fit, variance_model
 from symcal.fit.noise import known_sigma, unknown_noise
 from symcal.fit.redundancy import check_redundancy
 from symcal.fit.remainder import Trial
 from symcal.fit.residual_rows import rows_of
+from symcal.fit.variances import VarianceModel
 from symcal.model.measurement import Setup
 from symcal.model.model import Model, State, build_model
 from symcal.placing.placement import place as place
@@ -204,6 +205,18 @@ def _unplaced(names: Sequence[str]) -> list[str]:
         f"no training pose tells where {', '.join(shown)}{more} {'is' if len(things) == 1 else 'are'}: fitted to the "
         "held-out poses with the robot held, and as many degrees of freedom are taken off their rms"
     ]
+
+
+def linearised(model: Model, train: Dataset, after: Fit, options: Options) -> tuple[VarianceModel, tuple[str, ...]]:
+    """The system of a fit to training poses, and what no training pose places.
+
+    Args:
+        options: of the identification; its loss may be `auto`.
+    """
+    unplaced = tuple(name for name in model.placement if name not in after.free)
+    rows = rows_of(model.measurement, train, after.setup, model.residuals, unplaced)
+    one = replace(options, loss=after.loss)  # `auto` has chosen
+    return variance_model(rows, after.free, one, prior_mean=stated(model, after.setup)), unplaced
 
 
 def baseline_model(model: Model) -> Model | None:

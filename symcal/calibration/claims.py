@@ -56,7 +56,7 @@ class Gain:
             errors: by data (`train`, `test`, `cross_validation`, `left_out`) and state (`before`, `after`). aside:
                 numbers of test poses that are gross slips: they would hide any gain.
         """
-        name = next((n for n in ("test", "cross_validation", "left_out") if "after" in errors.get(n, {})), None)
+        name = judging_part(errors)
         if name is None or "before" not in errors[name]:
             return None
         before, after = (
@@ -88,6 +88,11 @@ class Gain:
             f"{where} the calibrated robot ({self.after:.3g} {self.unit} rms) is {verdict} than the nominal one with "
             f"fitted frames ({self.before:.3g} {self.unit}): the data do not support an accuracy claim"
         )
+
+
+def judging_part(errors: Mapping[str, Mapping[str, Errors]]) -> str | None:
+    """The part of the data that judges; None where nothing was left out of the identification."""
+    return next((part for part in ("test", "cross_validation", "left_out") if "after" in errors.get(part, {})), None)
 
 
 def where_judged(part: str) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from symcal.calibration.claims import Outside
+from symcal.calibration.claims import Outside, judging_part
 from symcal.calibration.evaluate import Errors
 from symcal.calibration.reasons import Reason
 
@@ -63,5 +63,4 @@ class Evidence:
     @property
     def part(self) -> str | None:
         """The part of the data that judges; None where nothing was left out of the identification."""
-        parts = ("test", "cross_validation", "left_out")
-        return next((part for part in parts if "after" in self.errors.get(part, {})), None)
+        return judging_part(self.errors)

@@ -14,21 +14,19 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.calibration.calibrate import Calibration, calibrate
+from symcal.calibration.calibrate import Calibration, calibrate, linearised
 from symcal.calibration.candidates import CONDITIONED, candidates
 from symcal.calibration.extension import Extension, GroupFinding, HeldOut, JointFinding, SharedFinding
 from symcal.calibration.joint_findings import joint_findings, shared_findings
 from symcal.data.conditions import directions_from_order
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
-from symcal.fit.estimation import Fit, Options, variance_model
+from symcal.fit.estimation import Fit, Options
 from symcal.fit.groups import Groups, groups_at
 from symcal.fit.held_out import folds_of
-from symcal.fit.residual_rows import rows_of
 from symcal.joints import Term
 from symcal.joints.backlash import direction_name
 from symcal.model.model import Model, build_model
-from symcal.placing.placement import placed_by, stated
 from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -166,11 +164,7 @@ def _groups_of(model: Model, train: Dataset, after: Fit, options: Options) -> Gr
     """
     if not np.isfinite(after.x).all():
         raise RefusedError(f"the identification with joint terms did not converge: {after.trouble}")
-    free = placed_by(model, train)
-    unplaced = tuple(name for name in model.placement if name not in free)
-    rows = rows_of(model.measurement, train, after.setup, model.residuals, unplaced)
-    one = replace(options, loss=after.loss)  # `auto` has chosen
-    system = variance_model(rows, after.free, one, prior_mean=stated(model, after.setup))
+    system, _ = linearised(model, train, after, options)
     return groups_at(system, after.x, after.variances)
 
 

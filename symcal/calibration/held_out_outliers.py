@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from symcal.calibration.calibrate import Calibration
-from symcal.calibration.outliers import Outlier
+from symcal.calibration.outliers import Outlier, where_read
 from symcal.data.dataset import Dataset
 from symcal.fit.residual_rows import rows_of
 from symcal.placing.placement import settled
@@ -42,18 +42,14 @@ def held_out_outliers(calibration: Calibration, test: Dataset) -> tuple[Outlier,
         typical = float(np.median(norms[there] / np.sqrt(chi2.ppf(0.5, size[there]))))
         sigma = max(typical, float(after.sigmas.get(group.name, 0.0)), group.floor)
         for i, k in sorted(zip(*np.nonzero(there & (norms > _FAR * sigma)), strict=True), key=lambda at: -norms[at]):
-            first = columns[int(k) * group.block]
-            part = next(p for p in model.measurement.parts if p.components.start <= first < p.components.stop)
-            features = part.observation.features
+            part, point, _ = where_read(model, group, int(k))
             out.append(
                 Outlier(
                     pose=test.labels[i],
                     instrument=part.observation.name,
                     quantity=group.quantity,
                     group=group.name,
-                    point=features[(first - part.components.start) * part.features // part.size]
-                    if len(features) > 1
-                    else "",
+                    point=point,
                     off=float(norms[i, k]) * (DEGREES if group.unit == "rad" else 1.0),
                     unit=SHOWN_UNITS[group.unit],
                     noises=float(norms[i, k] / sigma),

@@ -25,7 +25,7 @@ from symcal.calibration.tolerance import Tolerance
 from symcal.calibration.tolerance_rules import GROSS
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
-from symcal.fit.estimation import Fit, Options
+from symcal.fit.estimation import Options
 from symcal.model.model import State
 from symcal.robot.robot import Robot
 from symcal.units import DEGREES
@@ -69,7 +69,7 @@ def decide_run(
         errors,
         trouble=after.trouble,
         implausible=implausible(calibration.robot),
-        uncalibrated=uncalibrated(calibration.before, train, *_stated_noise(calibration, after)),
+        uncalibrated=uncalibrated(calibration.before, train, *_stated_noise(calibration)),
         outliers=content.get("outliers", ()),
         mistakes=content.get("mistakes", ()),
         halves=content.get("halves"),
@@ -156,9 +156,9 @@ def _slips(data: Dataset, outliers: Sequence[Mapping[str, Any]]) -> dict[int, st
     return found if len(found) <= _SLIPS * len(labels) else {}
 
 
-def _stated_noise(calibration: Calibration, after: Fit) -> tuple[float, float]:
+def _stated_noise(calibration: Calibration) -> tuple[float, float]:
     """Rms of the largest noise that is stated, mm and deg, over whole readings; 0 where it is estimated."""
-    sizes = {"mm": 0.0, "rad": 0.0, "px": 0.0}
+    after, sizes = calibration.after, {"mm": 0.0, "rad": 0.0, "px": 0.0}
     for group in calibration.model.measurement.groups:
         if group.name in after.sigmas and group.name not in after.estimated:
             sizes[group.unit] = max(sizes[group.unit], float(after.sigmas[group.name]) * float(np.sqrt(group.block)))

@@ -6,15 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from symcal.calibration.calibrate import Calibration
+from symcal.calibration.calibrate import Calibration, linearised
 from symcal.calibration.evaluate import Errors, evaluate, pooled
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
-from symcal.fit.estimation import Options, variance_model
+from symcal.fit.estimation import Options
 from symcal.fit.held_out import folds_of, steps_without
-from symcal.fit.residual_rows import rows_of
 from symcal.model.model import State
-from symcal.placing.placement import stated
 
 FOLDS = 20
 
@@ -31,10 +29,7 @@ def left_out(calibration: Calibration, data: Dataset, options: Options) -> dict[
     model, after, train = calibration.model, calibration.after, data.part("train")
     if not np.isfinite(after.x).all():
         return None
-    unplaced = tuple(name for name in model.placement if name not in after.free)
-    rows = rows_of(model.measurement, train, after.setup, model.residuals, unplaced)
-    one = replace(options, loss=after.loss)  # `auto` has chosen
-    system = variance_model(rows, after.free, one, prior_mean=stated(model, after.setup))
+    system, unplaced = linearised(model, train, after, options)
     found = []
     for fold, step in steps_without(system, after.x, after.variances, folds_of(system, FOLDS)):
         state = State(model, after.setup, after.x + step, unplaced)

@@ -20,6 +20,7 @@ from symcal.calibration.calibrate import Calibration
 from symcal.calibration.lack_of_fit import LackOfFit, lack_of_fit
 from symcal.calibration.patterns import Kind, Pattern, drifts, joint_patterns, joint_rows
 from symcal.data.dataset import Dataset
+from symcal.fit.difference import holm
 from symcal.fit.estimation import Fit, Options, variance_model
 from symcal.fit.pose_rows import PoseRows, pose_rows
 from symcal.fit.residual_rows import rows_of
@@ -175,7 +176,7 @@ class _Search:
     def found(self) -> tuple[tuple[Found, ...], tuple[Found, ...], dict[int, Array]]:
         """All tests, the causes, and what waves among these explain along their joints."""
         alone = self._all(self.score)
-        tests = dict(zip(alone, _holm([each.p for each in alone.values()]), strict=True))
+        tests = dict(zip(alone, holm(np.array([each.p for each in alone.values()])).tolist(), strict=True))
         found = {name: replace(alone[name], corrected=p, beside=p) for name, p in tests.items()}
         score, causes, explained = self.score, list[Found](), dict[int, Array]()
         left = {pattern.name: pattern for pattern in self.patterns if pattern.name in found}
@@ -195,7 +196,7 @@ class _Search:
             score = score.with_columns(pattern.columns)
             again = self._all(score)
             rest = [name for name in found if name in again and name not in {each.name for each in causes}]
-            corrected = _holm([again[name].p for name in rest])
+            corrected = holm(np.array([again[name].p for name in rest])).tolist()
             now = {name: replace(again[name], beside=p) for name, p in zip(rest, corrected, strict=True)}
             found |= {name: replace(found[name], beside=each.beside) for name, each in now.items()}
             left = {name: pattern for name, pattern in left.items() if name in now}
@@ -292,12 +293,3 @@ def _amplitude(pattern: Pattern, coefficients: Array) -> float:
     if pattern.kind in ("harmonic", "drift", "approach") or pattern.motion is None:
         return float(np.linalg.norm(coefficients))
     return float(np.ptp(pattern.motion @ coefficients) / 2)
-
-
-def _holm(values: Sequence[float]) -> list[float]:
-    """p-values corrected for their number, in their order."""
-    order = np.argsort(values)
-    factors = len(values) - np.arange(len(values))
-    out = np.empty(len(values))
-    out[order] = np.minimum(np.maximum.accumulate(np.asarray(values)[order] * factors), 1.0)
-    return [float(value) for value in out]

@@ -17,6 +17,7 @@ from symcal.fit.estimation import Fit, Options, fit
 from symcal.fit.noise import known_sigma, spread_of
 from symcal.fit.residual_rows import rows_of
 from symcal.fit.whitened import Whitened, whitened
+from symcal.model.measurement import Group, Part
 from symcal.model.model import Model
 from symcal.units import DEGREES, SHOWN_UNITS
 
@@ -230,10 +231,7 @@ def _outlier(changes: _Changes, pile: Pile, found: Judged, i: int) -> Outlier:
     most = int(np.abs(in_sigmas).argmax()) if len(change) else 0
     spread = np.where(np.isfinite(pile.known[i]), pile.known[i], found.sigma)
     off = found.off[i] if changes.system.rows.mixing is None else found.off[i] / spread
-    first = group.columns[int(pile.place[i]) * group.block]  # sessions of an entry share a group
-    part = next(p for p in changes.model.measurement.parts if p.components.start <= first < p.components.stop)
-    features = part.observation.features
-    point = features[(first - part.components.start) * part.features // part.size] if len(features) > 1 else ""
+    part, point, first = where_read(changes.model, group, int(pile.place[i]))
     return Outlier(
         pose=changes.data.labels[pile.pose[i]],
         instrument=part.observation.name,
@@ -248,6 +246,15 @@ def _outlier(changes: _Changes, pile: Pile, found: Judged, i: int) -> Outlier:
         sigmas=float(in_sigmas[most]) if len(change) else 0.0,
         tool_mm=changes.tool(change),
     )
+
+
+def where_read(model: Model, group: Group, place: int) -> tuple[Part, str, int]:
+    """What has read a group's reading, its point (empty where there is one alone), and its first component."""
+    first = group.columns[place * group.block]  # sessions of an entry share a group
+    part = next(p for p in model.measurement.parts if p.components.start <= first < p.components.stop)
+    features = part.observation.features
+    point = features[(first - part.components.start) * part.features // part.size] if len(features) > 1 else ""
+    return part, point, first
 
 
 def outlier_facts(found: Sequence[Outlier]) -> list[dict[str, Any]]:

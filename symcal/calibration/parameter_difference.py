@@ -35,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc, stdtr, stdtrit
 
+from symcal.fit.difference import holm
 from symcal.fit.posterior import MOST_DOF
 from symcal.words import MOSTLY
 
@@ -140,18 +141,6 @@ def difference(a: Estimate, b: Estimate, blind: Array | None = None) -> Differen
         dof=dof,
         half_widths=np.asarray(stdtrit(own_dof, 0.975) * np.sqrt(variance) * scale),
     )
-
-
-def holm(p: Array) -> Array:
-    """Probabilities adjusted for there being several, shape (n,); NaN are none and stay.
-
-    Source: [Holm1979]; the step-down that holds whatever the dependence.
-    """
-    out = np.full(len(p), np.nan)
-    known = np.flatnonzero(np.isfinite(p))
-    order = known[np.argsort(p[known], kind="stable")]
-    out[order] = np.minimum(np.maximum.accumulate(p[order] * np.arange(len(order), 0, -1)), 1.0)
-    return out
 
 
 def _parts(of: Estimate, scale: Array) -> tuple[Array, Array, Array]:

@@ -171,4 +171,4 @@ def about_centre(points: Array) -> Array:
 
 def size_of(model: Model, data: Dataset) -> float:
     """The nominal robot's length: links, strokes in these data, tool; mm."""
-    return float(model.robot.length(data.q) + np.linalg.norm(model.robot.tool[:3, 3]))
+    return model.robot.length_with_tool(data.q)

@@ -8,14 +8,13 @@ from numpy.typing import NDArray
 from symcal.calibration.length import unseen_length
 from symcal.calibration.odd_values import odd_values
 from symcal.calibration.outliers import StandingOut
-from symcal.calibration.plausibility import about_centre, first_quantity, size_of, who_of
+from symcal.calibration.plausibility import about_centre, first_quantity, residuals, size_of, who_of
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Fit
-from symcal.fit.residual_rows import rows_of
 from symcal.fit.robust import Loss
 from symcal.model.measurement import Part
-from symcal.model.model import Model
+from symcal.model.model import Model, State
 from symcal.words import plural
 
 Array = NDArray[np.float64]
@@ -153,7 +152,7 @@ def _adrift(model: Model, after: Fit) -> list[str]:
 
 def _refuse_nonsense(model: Model, data: Dataset, after: Fit, odd: StandingOut) -> None:
     """Wrong units, signs and joint order leave errors of the robot's own size; medians, so that a slip is no reason."""
-    r = rows_of(model.measurement, data, after.setup, model.residuals).residual(after.x)
+    r = residuals(data, State(model, after.setup, after.x))
     for part in model.measurement.parts:
         wrong = _nonsense(model, data, part, r)
         if not wrong:

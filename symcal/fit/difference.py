@@ -175,3 +175,15 @@ def _law(
 def at_least_one(p: float, count: int) -> float:
     """Probability that the least of so many p-values is as small by chance, as if independent ([Sidak1967])."""
     return float(-np.expm1(count * np.log1p(-min(p, 1 - _ALL))))
+
+
+def holm(p: Array) -> Array:
+    """Probabilities adjusted for there being several, shape (n,); NaN are none and stay.
+
+    Source: [Holm1979]; the step-down that holds whatever the dependence.
+    """
+    out = np.full(len(p), np.nan)
+    known = np.flatnonzero(np.isfinite(p))
+    order = known[np.argsort(p[known], kind="stable")]
+    out[order] = np.minimum(np.maximum.accumulate(p[order] * np.arange(len(order), 0, -1)), 1.0)
+    return out

@@ -40,8 +40,10 @@ Array = NDArray[np.float64]
 
 Scales = Literal["estimated", "stated"]
 
-_ROUNDS = 60
-_SETTLED = 1e-6  # change of a log variance that ends the rounds
+ROUNDS = 60
+"""Of variances and estimate in turn, at most."""
+SETTLED = 1e-6
+"""Change of a log variance or robust weight that ends the rounds."""
 _GOOD = 1e-3  # change that a fit may still have when the rounds are used up: a two-thousandth of a sigma
 _LOOSE = 1e-2  # of the last change of the log variances: as exactly are they sought in a round
 _ROUGH = 1e-6  # relative change of the cost that ends a minimisation while the variances are not yet known
@@ -183,6 +185,18 @@ def variance_model(
     return VarianceModel(system, known, missing, estimated, factors, options.loss, options.shrinking, hold)
 
 
+def minimised(model: VarianceModel, options: Options, variances: Variances, start: Array) -> Solution:
+    """The minimum of the objective for given variances, in scaled errors, from errors of all parameters, shape (n,)."""
+    system, spread = model.system, model.spread(variances)
+
+    def evaluate(y: Array) -> tuple[Array, Array]:
+        stacked = system.rows_at(system.at(y), spread, variances.factors)
+        return stacked[:, -1], stacked[:, :-1]
+
+    problem = Problem(evaluate, system.scaled(start), np.ones(len(system.free)))
+    return SOLVERS[options.solver](problem, options.tolerances)
+
+
 @dataclass(frozen=True, slots=True)
 class _Search:
     """A fit under way: what does not change while estimate and variances are found in turn."""
@@ -241,12 +255,12 @@ class _Search:
                 return x, last, True
             _, x = self._minimise(x, last, path, rough=True)
         share, before, change = 1.0, np.zeros(0), 1.0
-        for _ in range(_ROUNDS):
+        for _ in range(ROUNDS):
             wanted = model.next(x, last, _LOOSE * change)
             step = model.difference(wanted, last)
             shift = float(np.abs(wanted.weights - last.weights).max(initial=0.0))
             change = min(max(float(np.abs(step).max(initial=0.0)), shift), 1.0)
-            if change < _SETTLED:
+            if change < SETTLED:
                 return x, wanted, True
             if before.size and float(step @ before) < -0.25 * float(before @ before):
                 share = max(share / 2, 0.1)  # it swings
@@ -258,17 +272,11 @@ class _Search:
         self, start: Array, variances: Variances, path: list[Array], *, rough: bool
     ) -> tuple[Solution, Array]:
         """The estimate for given variances; the errors after every step are appended to the path."""
-        system, spread = self.model.system, self.model.spread(variances)
-
-        def evaluate(y: Array) -> tuple[Array, Array]:
-            stacked = system.rows_at(system.at(y), spread, variances.factors)
-            return stacked[:, -1], stacked[:, :-1]
-
-        tolerances = self.options.tolerances
+        system, options = self.model.system, self.options
         if rough:
-            tolerances = replace(tolerances, cost=max(tolerances.cost, _ROUGH))
-        problem = Problem(evaluate, system.scaled(start), np.ones(len(system.free)))
-        solution = SOLVERS[self.options.solver](problem, tolerances)
+            cost = max(options.tolerances.cost, _ROUGH)
+            options = replace(options, tolerances=replace(options.tolerances, cost=cost))
+        solution = minimised(self.model, options, variances, start)
         path += [system.at(it.x) for it in solution.history[1:]]
         return solution, system.at(solution.x)
 

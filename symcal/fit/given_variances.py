@@ -8,16 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
-from symcal.fit.estimation import Options, variance_model
+from symcal.fit.estimation import ROUNDS, SETTLED, Options, minimised, variance_model
 from symcal.fit.residual_rows import Rows
 from symcal.fit.variances import VarianceModel, Variances
-from symcal.solvers import SOLVERS
-from symcal.solvers.least_squares import Problem
 
 Array = NDArray[np.float64]
-
-_ROUNDS = 60
-_SETTLED = 1e-6  # change of a robust weight or log variance that ends the rounds
 
 
 def estimate_given(
@@ -47,26 +42,19 @@ def estimate_given(
     x = _minimised(model, options, variances, start)
     if model.settled:
         return model, x, variances
-    for _ in range(_ROUNDS):
-        new = model.next(x, variances, _SETTLED)
+    for _ in range(ROUNDS):
+        new = model.next(x, variances, SETTLED)
         shift = np.abs(new.weights - variances.weights).max(initial=0.0)
         change = max(float(shift), float(np.abs(model.difference(new, variances)).max(initial=0.0)))
         variances = new
-        if change < _SETTLED:
+        if change < SETTLED:
             break
         x = _minimised(model, options, variances, x)
     return model, x, variances
 
 
 def _minimised(model: VarianceModel, options: Options, variances: Variances, start: Array) -> Array:
-    system, spread = model.system, model.spread(variances)
-
-    def evaluate(y: Array) -> tuple[Array, Array]:
-        stacked = system.rows_at(system.at(y), spread, variances.factors)
-        return stacked[:, -1], stacked[:, :-1]
-
-    problem = Problem(evaluate, system.scaled(start), np.ones(len(system.free)))
-    solution = SOLVERS[options.solver](problem, options.tolerances)
+    solution = minimised(model, options, variances, start)
     if not solution.status.converged:
         raise RefusedError(f"the fit did not converge: {solution.message}")
-    return system.at(solution.x)
+    return model.system.at(solution.x)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import permutations, product
+from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -117,8 +117,7 @@ def _starts(nominal: Registration, base: bool, tool: str | None) -> Iterator[Reg
     if not base or tool is None:
         return
     if tool == "frame":
-        for axes, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
-            rotation = np.eye(3)[list(axes)] * np.array(signs)[:, None]
+        for *_, rotation in spatial.signed_permutations():
             if np.linalg.det(rotation) > 0:
                 yield Registration(
                     nominal.base, nominal.tool @ spatial.transform(rotation, np.zeros(3)), nominal.points, np.inf

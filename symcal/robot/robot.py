@@ -202,6 +202,10 @@ class Robot:
         strokes = [float(np.ptp(q[:, i])) for i, joint in enumerate(self.joints) if not joint.revolute]
         return float(sum(lengths) + sum(strokes))
 
+    def length_with_tool(self, q: Array) -> float:
+        """`length` and how far the tool is from the flange, mm."""
+        return float(self.length(q) + np.linalg.norm(self.tool[:3, 3]))
+
     def corrected(self, errors: Mapping[str, float]) -> Robot:
         """The robot with errors (mm, rad) added to its parameters; names that it lacks are a KeyError."""
         known = self.parameters

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.calibration.mistakes.hypotheses import Hypothesis
-from symcal.calibration.mistakes.rotation_fit import sums
+from symcal.calibration.mistakes.rotation_fit import COUNT
+from symcal.calibration.mistakes.scene import some
 from symcal.calibration.mistakes.sight import Sight
 
 Array = NDArray[np.float64]
@@ -28,18 +29,16 @@ def broken(
     Args:
         q: joint readings in the order of their file, shape (N, dof). z: own readings, shape (N, w). rows: that count.
     """
-    at = np.flatnonzero(rows)
-    at = at if len(at) <= _POSES else at[np.linspace(0, len(at) - 1, _POSES).astype(int)]
-    chain, everything = sight.chain(q[at]), np.ones(len(at), dtype=bool)
-    channels = sight.channels(z[at], everything)
-    each = [(sums(chain[:, :3, :3], chain[:, :3, 3], c), c.located) for c in channels]
+    at = some(rows, _POSES)
+    each = sight.sums(sight.chain(q[at]), z[at], np.ones(len(at), dtype=bool))
     running = [(np.vstack([np.zeros(of.shape[1]), np.cumsum(of, axis=0)]), located) for of, located in each]
     spare = np.array([sight.spare([(of[m], located) for of, located in running]) for m in range(len(at) + 1)])
     rest = np.array([sight.spare([(of[-1] - of[m], at_) for of, at_ in running]) for m in range(len(at) + 1)])
-    places = np.flatnonzero((spare >= _SPARE) & (rest >= _SPARE))
+    enough = (spare >= _SPARE) & (rest >= _SPARE)
+    places = np.flatnonzero(enough)
     if not len(places):
         return None
-    few = places if len(places) <= _PLACES else places[np.linspace(0, len(places) - 1, _PLACES).astype(int)]
+    few = some(enough, _PLACES)
     best = few[int(np.argmin(_left(sight, running, few)[0]))]
     near = places[np.abs(places - best) <= len(places) // _PLACES + 1]
     score, rms = _left(sight, running, near)
@@ -54,6 +53,6 @@ def _left(sight: Sight, running: list[tuple[Array, bool]], places: NDArray[np.in
     for before in (True, False):
         block = [(of[places] if before else of[-1] - of[places], located) for of, located in running]
         found = sight.fitted(block)
-        count = sum(of[:, 25] for of, _ in block)
+        count = sum(of[:, COUNT] for of, _ in block)
         square, rms, total = square + count * found.score**2, rms + count * found.rms**2, total + count
     return np.sqrt(square / total), np.sqrt(rms / total)

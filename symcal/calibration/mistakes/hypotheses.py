@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations, permutations, product
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from symcal import spatial
 from symcal.robot.robot import Robot
+from symcal.spatial import signed_permutations
 
 Array = NDArray[np.float64]
 Change = Callable[[Array], Array]
@@ -270,8 +271,7 @@ def _quaternion(order: Sequence[int], sign: float = 1.0) -> Change:
 
 def _signed_permutations() -> Iterator[tuple[Array, str]]:
     """All but the identity, each with what it says of the measured x, y, z."""
-    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
-        matrix = np.eye(3)[list(order)] * np.array(signs)[:, None]
+    for order, signs, matrix in signed_permutations():
         if np.array_equal(matrix, np.eye(3)):
             continue
         said = ", ".join(("-" if s < 0 else "") + _AXES[i] for i, s in zip(order, signs, strict=True))

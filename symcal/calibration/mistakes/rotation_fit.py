@@ -14,10 +14,11 @@ The elimination is ours.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
+
+from symcal.spatial import signed_permutations
 
 Array = NDArray[np.float64]
 
@@ -143,16 +144,7 @@ def left(quadratic: Array, m: Array) -> Array:
     return np.asarray(np.maximum(np.einsum("...i,...ij,...j->...", v, quadratic, v), 0.0))
 
 
-def _turns() -> Array:
-    found = []
-    for axes, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
-        rotation = np.eye(3)[list(axes)] * np.array(signs)[:, None]
-        if np.linalg.det(rotation) > 0:
-            found.append(rotation)
-    return np.array(found)
-
-
-_TURNS = _turns()
+_TURNS = np.array([turn for *_, turn in signed_permutations() if np.linalg.det(turn) > 0])
 _GENERATORS = np.array(
     [[[0, 0, 0], [0, 0, -1], [0, 1, 0]], [[0, 0, 1], [0, 0, 0], [-1, 0, 0]], [[0, -1, 0], [1, 0, 0], [0, 0, 0]]]
 )

@@ -122,9 +122,12 @@ class Sight:
         Args:
             chain: shape (H or 1, N, 4, 4). z: own readings, shape (H or 1, N, w). rows: that count, shape (H or 1, N).
         """
-        channels = self.channels(z, rows)
-        found = [(sums(chain[..., :3, :3], chain[..., :3, 3], c).sum(axis=-2), c.located) for c in channels]
-        return self.fitted(found)
+        return self.fitted([(of.sum(axis=-2), located) for of, located in self.sums(chain, z, rows)])
+
+    def sums(self, chain: Array, z: Array, rows: Mask) -> list[tuple[Array, bool]]:
+        """What the fit of frames needs of every pose, shape (..., N, 65), by channel, with whether it is located."""
+        rotation, position = chain[..., :3, :3], chain[..., :3, 3]
+        return [(sums(rotation, position, channel), channel.located) for channel in self.channels(z, rows)]
 
     def fitted(self, found: Sequence[tuple[Array, bool]]) -> Misfit:
         """The misfit of channels' sums over poses, shape (H, 65) each, with whether they are located."""
@@ -163,8 +166,7 @@ class Sight:
     def enough(self, z: Array, rows: Mask) -> bool:
         """Whether there are more readings than the frames take."""
         still = np.broadcast_to(np.eye(4), (len(z), 4, 4))
-        found = [(sums(still[:, :3, :3], still[:, :3, 3], c).sum(axis=0), c.located) for c in self.channels(z, rows)]
-        return self.spare(found) >= _SPARE
+        return self.spare([(of.sum(axis=0), located) for of, located in self.sums(still, z, rows)]) >= _SPARE
 
     def spread(self, found: Sequence[tuple[Array, bool]]) -> Array:
         """Rms distance of what was read from its middle, over points, or axes where no points are read; shape (H,)."""

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from symcal.calibration.mistakes.hypotheses import Hypothesis
 from symcal.calibration.mistakes.mistake import Mistake
-from symcal.calibration.mistakes.rotation_fit import sums
 from symcal.calibration.mistakes.scene import AS_GIVEN, POSES, Scene, readings_tried, said, some
 from symcal.robot.robot import Robot
 
@@ -43,7 +42,7 @@ def reach_of(robot: Robot, q: Array) -> Reach:
     turning = np.array([joint.revolute for joint in robot.joints], dtype=bool)
     turn = min(float(np.sqrt(np.mean(np.sum(about[:, turning] ** 2, axis=1)))), 1.0)
     stroke = float(np.sqrt(np.mean(np.sum(about[:, ~turning] ** 2, axis=1))))
-    length = float(robot.length(q) + np.linalg.norm(robot.tool[:3, 3]))
+    length = robot.length_with_tool(q)
     return Reach(length, length * turn + stroke)
 
 
@@ -54,11 +53,8 @@ def of_another_size(robot: Robot, scene: Scene, k: int) -> tuple[Mistake, ...]:
         return ()
     at = some(scene.rows, POSES)
     q, z, everything = scene.q[at], scene.z[k][at], np.ones(len(at), dtype=bool)
-    chain = sight.chain(q)
-    sums_of = [
-        (sums(chain[:, :3, :3], chain[:, :3, 3], c).sum(axis=0), c.located) for c in sight.channels(z, everything)
-    ]
-    spread = float(sight.spread(sums_of))
+    read = sight.sums(sight.chain(q), z, everything)
+    spread = float(sight.spread([(of.sum(axis=0), located) for of, located in read]))
     wanted = reach_of(robot, q).likely(spread)
     if wanted is None:
         return ()

@@ -64,6 +64,11 @@ def percent(share: float) -> str:
     return f"{math.floor(100 * share + 1e-3)}\u00a0%"
 
 
+def rounded_down(share: float) -> str:
+    """A share with four decimals, never rounded up, so that a lower bound stays one."""
+    return f"{math.floor(share * 1e4) / 1e4:.4f}"
+
+
 def is_link_parameter(name: str) -> bool:
     """Whether a name is that of a link parameter (`theta_1`, `a_4`), not of a frame, a point or a camera."""
     kind, _, rest = name.partition("_")

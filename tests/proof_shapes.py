@@ -15,14 +15,11 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import dual_annealing, minimize
-
-sys.path.insert(0, str(Path(__file__).parent / "planning"))
 
 from symcal import kinematics
 from symcal.errors import RefusedError

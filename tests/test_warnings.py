@@ -162,7 +162,7 @@ def test_one_size_stated_far_too_small_does_not_hold_its_error_back() -> None:
 
 
 def test_a_fit_that_did_not_converge_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("symcal.fit.estimation._ROUNDS", 1)
+    monkeypatch.setattr("symcal.fit.estimation.ROUNDS", 1)
     assert "the identification did not converge: stopped" in notes(good("pose"), "pose")
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -188,14 +187,10 @@ def _known(known: Any) -> list[str]:
 _PROVEN = {"d_efficiency_lower_bound": "d_efficiency_lower_bound", "g_efficiency": "g_efficiency_lower_bound"}
 
 
-def _down(share: float) -> str:
-    """Rounded down: a share is no larger than it is said to be."""
-    return f"{math.floor(share * 1e4) / 1e4:.4f}"
-
-
 def print_plan(content: Any) -> None:
     """How good a plan is, and how good random ones are."""
     from symcal.report.plan_verdict import plan_verdict
+    from symcal.words import rounded_down
 
     console = output()
     console.print(escape(plan_verdict(content)[0]))
@@ -209,12 +204,12 @@ def print_plan(content: Any) -> None:
         ("worst_pose_rms_mm", "foretold error, worst pose, mm"),
     ):
         cells = [found[key], *([random[key]] if random else [])]
-        shown = _down if key in _PROVEN else "{:.4g}".format
+        shown = rounded_down if key in _PROVEN else "{:.4g}".format
         sure = None if proof is None or key not in _PROVEN else proof[_PROVEN[key]]
         name = label if sure is None else f"{label} (searched)"
         table.add_row(name, *("-" if value is None else shown(value) for value in cells))
         if sure is not None:
-            table.add_row(f"{label.split(',')[0]}, proven", _down(sure), *(["-"] if random else []))
+            table.add_row(f"{label.split(',')[0]}, proven", rounded_down(sure), *(["-"] if random else []))
     console.print(table)
     _print_instruments(console, content.get("instruments", []))
     for warning in content["warnings"]:

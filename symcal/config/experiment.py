@@ -12,6 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from symcal.calibration.candidates import GROUPS, HIGHEST
 from symcal.calibration.tolerance import Of
+from symcal.config.counts import MOST
 from symcal.config.measurements import (
     FileData,
     ImagesData,
@@ -66,7 +67,7 @@ class SimulatedData(Strict):
     source: Literal["simulated"]
     truth: Truth
     noise: SimulatedNoise = SimulatedNoise()
-    test_poses: Annotated[int, Field(ge=0, le=1_000_000)] = 1000
+    test_poses: Annotated[int, Field(ge=0, le=MOST)] = 1000
 
 
 class ImageLook(Strict):
@@ -94,10 +95,10 @@ class RenderedData(Strict):
     camera: str
     board: str | None = None
     seen: Annotated[float, Field(gt=0, le=1)] = 0.4
-    views: Annotated[int, Field(ge=3, le=1_000_000)] = 27
+    views: Annotated[int, Field(ge=3, le=MOST)] = 27
     image: ImageLook = ImageLook()
-    test_poses: Annotated[int, Field(ge=3, le=1_000_000)] = 200
-    examples: Annotated[int, Field(ge=0, le=1_000_000)] = 4
+    test_poses: Annotated[int, Field(ge=3, le=MOST)] = 200
+    examples: Annotated[int, Field(ge=0, le=MOST)] = 4
 
 
 class TolerancesConfig(Strict):
@@ -107,7 +108,7 @@ class TolerancesConfig(Strict):
     cost: Positive = 1e-14
     step: Positive = 1e-12
     residual: Annotated[float, Field(ge=0)] = 0.0
-    iterations: Annotated[int, Field(ge=1, le=1_000_000)] = 100
+    iterations: Annotated[int, Field(ge=1, le=MOST)] = 100
 
 
 class IdentificationConfig(Strict):
@@ -187,7 +188,7 @@ class ValidationConfig(Strict):
     tolerance: what the calibration is accepted or refused against; without one it must be better than the nominal robot
     by more than chance."""
 
-    folds: Annotated[int, Field(ge=0, le=1_000_000), AfterValidator(_not_one)] | None = None
+    folds: Annotated[int, Field(ge=0, le=MOST), AfterValidator(_not_one)] | None = None
     tolerance: ToleranceConfig | None = None
 
 

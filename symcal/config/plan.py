@@ -13,6 +13,7 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
 from symcal.camera.files import Distortion, Intrinsics, Lens, Triangle
+from symcal.config.counts import MOST, Count
 from symcal.config.noise import KnownNoise
 from symcal.documents.document import Strict
 from symcal.robot.schema import Frame
@@ -40,7 +41,6 @@ _NotNegative = Annotated[float, Field(ge=0)]
 _Share = Annotated[float, Field(gt=0, le=1)]
 _Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
 _Pair = Annotated[list[float], Field(min_length=2, max_length=2), AfterValidator(_rising)]
-_Count = Annotated[int, Field(ge=1, le=1_000_000)]
 
 
 class AreaRegion(Strict):
@@ -127,8 +127,8 @@ class CameraConstraint(Strict):
     """
 
     file: str | None = None
-    width: _Count | None = None
-    height: _Count | None = None
+    width: Count | None = None
+    height: Count | None = None
     intrinsics: Intrinsics | None = None
     lens: Lens | None = None
     distortion: Distortion = Distortion()
@@ -165,7 +165,7 @@ class KeepOutBox(Strict):
     rpy: _Triple = [0.0, 0.0, 0.0]
     size: Annotated[list[_Positive], Field(min_length=3, max_length=3)]
     margin: _NotNegative = 0.0
-    first_link: _Count = 1
+    first_link: Count = 1
 
 
 class KeepOutPlane(Strict):
@@ -175,7 +175,7 @@ class KeepOutPlane(Strict):
     point: _Triple
     normal: _Triple
     margin: _NotNegative = 0.0
-    first_link: _Count = 1
+    first_link: Count = 1
 
 
 class CoverageConfig(Strict):
@@ -184,8 +184,8 @@ class CoverageConfig(Strict):
     share: of the cells that poses can be in.
     """
 
-    joints: dict[str, _Count] | None = None
-    position: Annotated[list[_Count], Field(min_length=3, max_length=3)] | None = None
+    joints: dict[str, Count] | None = None
+    position: Annotated[list[Count], Field(min_length=3, max_length=3)] | None = None
     share: _Share = 1.0
 
     @model_validator(mode="after")
@@ -221,8 +221,8 @@ class GeneticConfig(Strict):
     """
 
     coding: Literal["binary", "gray", "real"] = "binary"
-    population: Annotated[int, Field(ge=4, le=1_000_000)] = 200
-    generations: Annotated[int, Field(ge=0, le=1_000_000)] = 200
+    population: Annotated[int, Field(ge=4, le=MOST)] = 200
+    generations: Annotated[int, Field(ge=0, le=MOST)] = 200
     bits: Annotated[int, Field(ge=1, le=52)] = 8
     fitness: Literal["criterion", "condition", "paper"] = "criterion"
     conditioning: Literal["per_pose", "stacked"] = "stacked"
@@ -235,10 +235,10 @@ class PromiseConfig(Strict):
     figure: the error over the region that is meant: its mean or its worst pose. random: random plans per number.
     """
 
-    counts: list[_Count] = []
+    counts: list[Count] = []
     accuracy: list[_Positive] = []
     figure: Literal["mean", "worst"] = "mean"
-    random: Annotated[int, Field(ge=1, le=1_000_000)] = 100
+    random: Annotated[int, Field(ge=1, le=MOST)] = 100
 
 
 class PlanConfig(Strict):
@@ -259,7 +259,7 @@ class PlanConfig(Strict):
     method: MethodName | None = None
     criterion: CriterionName | None = None
     unmodelled: _NotNegative | None = None
-    poses: _Count = 40
+    poses: Count = 40
     area: dict[str, Annotated[list[float], Field(min_length=2, max_length=2)]] = {}
     noise: KnownNoise = {}
     instruments: list[list[str]] = []
@@ -274,8 +274,8 @@ class PlanConfig(Strict):
     margins: Margins = Margins()
     constraints: Constraints = Constraints()
     genetic: GeneticConfig = GeneticConfig()
-    random: Annotated[int, Field(ge=0, le=1_000_000)] = 200
+    random: Annotated[int, Field(ge=0, le=MOST)] = 200
     prove: bool = False
     compare: list[MethodName] = []
     promise: PromiseConfig = PromiseConfig()
-    sample: Annotated[int, Field(ge=100, le=1_000_000)] = 5000
+    sample: Annotated[int, Field(ge=100, le=MOST)] = 5000

@@ -11,13 +11,13 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from symcal.camera.files import Intrinsics, Triangle
+from symcal.config.counts import MOST, Count
 from symcal.documents.document import Strict
 from symcal.robot.schema import Frame
 
 _Positive = Annotated[float, Field(gt=0)]
 _NotNegative = Annotated[float, Field(ge=0)]
 _Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
-_Count = Annotated[int, Field(ge=1, le=1_000_000)]
 
 
 class SceneConfig(Strict):
@@ -27,8 +27,8 @@ class SceneConfig(Strict):
     margin_px, incidence: within which a pose counts as visible.
     """
 
-    width: _Count
-    height: _Count
+    width: Count
+    height: Count
     intrinsics: Intrinsics
     position: _Triple
     look_at: _Triple
@@ -59,9 +59,9 @@ class ReadingConfig(Strict):
 class SearchConfig(Strict):
     """The genetic algorithm of both plans that it makes; side_generations: of the other readings' plans."""
 
-    population: Annotated[int, Field(ge=4, le=1_000_000)] = 200
-    generations: Annotated[int, Field(ge=1, le=1_000_000)] = 200
-    side_generations: Annotated[int, Field(ge=1, le=1_000_000)] = 80
+    population: Annotated[int, Field(ge=4, le=MOST)] = 200
+    generations: Annotated[int, Field(ge=1, le=MOST)] = 200
+    side_generations: Annotated[int, Field(ge=1, le=MOST)] = 80
     bits: Annotated[int, Field(ge=1, le=52)] = 8
     coding: Literal["binary", "gray", "real"] = "binary"
 
@@ -77,9 +77,9 @@ class SimulationOneConfig(Strict):
     start: float = 0.01
     damping: _Positive = 1.0
     factor: Annotated[float, Field(gt=1)] = 10.0
-    iterations: _Count = 100
+    iterations: Count = 100
     position_error: _Positive = 1e-10
-    draws: Annotated[int, Field(ge=0, le=1_000_000)] = 100
+    draws: Annotated[int, Field(ge=0, le=MOST)] = 100
 
 
 class StudyConfig(Strict):
@@ -96,9 +96,9 @@ class StudyConfig(Strict):
     reading: ReadingConfig = ReadingConfig()
     search: SearchConfig = SearchConfig()
     simulation_1: SimulationOneConfig = SimulationOneConfig()
-    random_plans: Annotated[int, Field(ge=10, le=1_000_000)] = 2000
-    repetitions: Annotated[int, Field(ge=10, le=1_000_000)] = 2000
-    unregularised: Annotated[int, Field(ge=10, le=1_000_000)] = 60
+    random_plans: Annotated[int, Field(ge=10, le=MOST)] = 2000
+    repetitions: Annotated[int, Field(ge=10, le=MOST)] = 2000
+    unregularised: Annotated[int, Field(ge=10, le=MOST)] = 60
     quick: bool = False
 
     def sized(self) -> StudyConfig:

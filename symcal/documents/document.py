@@ -37,6 +37,12 @@ class Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, populate_by_name=True)
 
 
+class Loose(BaseModel):
+    """Base of what a run leaves, as far as it is read again: known keys checked as strictly, others kept."""
+
+    model_config = ConfigDict(extra="allow", frozen=True, strict=True, allow_inf_nan=False)
+
+
 @dataclass(frozen=True, slots=True)
 class Document:
     """A YAML file as plain data, with the line of every key and item; line 0: set on the command line."""

@@ -17,7 +17,6 @@ never wrong.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,8 +27,9 @@ from symcal.planning.criteria import Criterion, criterion
 from symcal.planning.information import PoseInformation
 from symcal.planning.optimal_design import TOLERANCE, ApproximateDesign, optimal_design
 from symcal.planning.proof.branch_and_bound import WORK
-from symcal.planning.proof.proof import Ceiling, Proof, ceiling, prove_plan
+from symcal.planning.proof.proof import Ceiling, Proof, ceiling, prove_plan, symmetric_inverse
 from symcal.planning.worst_pose import THOROUGH_SAMPLE, FeasibleSet, largest
+from symcal.words import rounded_down
 
 Array = NDArray[np.float64]
 
@@ -90,8 +90,7 @@ class Certificate:
 
 
 def _down(share: float | None) -> str:
-    """Rounded down, so that a lower bound stays one."""
-    return NONE_KNOWN if share is None else f"{math.floor(share * 1e4) / 1e4:.4f}"
+    return NONE_KNOWN if share is None else rounded_down(share)
 
 
 def certify(
@@ -135,8 +134,7 @@ def certify(
     gap = n * max(design.excess, 0.0)
     bound = float(by_d.value(design.matrix)) + gap
     efficiency = float(np.exp((by_d.value(matrix) - bound) / n))
-    inverse = np.asarray(np.linalg.inv(matrix), dtype=np.float64)
-    inverse = 0.5 * (inverse + inverse.T)
+    inverse = symmetric_inverse(matrix)
     values, worst = largest(info.function, inverse, where, rng, thorough=True)
     own: float | None = None
     if merit.name in ("D", "O1"):
@@ -148,7 +146,7 @@ def certify(
         own = float(np.exp((merit.score(matrix) - upper) * merit.root))
     proof = None
     if top is not None:
-        proof, higher = prove_plan(info, poses, merit, top, float(values[0]), best, for_proof, work)
+        proof, higher = prove_plan(info, poses, (matrix, inverse), merit, top, float(values[0]), best, for_proof, work)
         if higher is not None and (where.feasible is None or where.feasible(higher[None])[0]):
             values, worst = info.function.weighted(higher[None], inverse), higher[None]
     return Certificate(

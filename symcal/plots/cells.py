@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 from scipy.stats import binned_statistic_2d
 
@@ -17,14 +19,30 @@ def from_side(points: Array, origin: Array) -> Array:
 
 
 def in_cells(
-    flat: Array, values: Array, cell: float, statistic: Literal["max", "mean"] = "max"
+    flat: Array,
+    values: Array,
+    cell: float,
+    statistic: Literal["max", "mean"] = "max",
+    where: NDArray[np.bool_] | None = None,
 ) -> tuple[Array, Array, Array]:
     """The largest value (or the mean) of all points (k, 2) in a cell, NaN where there are none, and edges of the cells.
 
     Args:
-        cell: length of a side.
+        cell: length of a side. where: points that count, shape (k,), all if None; the cells are the same.
     """
     low, high = flat.min(axis=0), flat.max(axis=0)
     edges = [a + cell * np.arange(int(np.ceil(max(b - a, cell) / cell)) + 1) for a, b in zip(low, high, strict=True)]
-    found = binned_statistic_2d(flat[:, 0], flat[:, 1], values, statistic=statistic, bins=edges)
+    own = slice(None) if where is None else where
+    if not len(values[own]):
+        return np.full((len(edges[0]) - 1, len(edges[1]) - 1), np.nan), edges[0], edges[1]
+    found = binned_statistic_2d(flat[own, 0], flat[own, 1], values[own], statistic=statistic, bins=edges)
     return np.asarray(found.statistic), edges[0], edges[1]
+
+
+def draw_cells(axes: Any, cells: tuple[Array, Array, Array], scale: Normalize) -> QuadMesh:
+    """Cells as `in_cells` gives them, in grey-proof colours and true proportions."""
+    found, x, y = cells
+    mesh: QuadMesh = axes.pcolormesh(x, y, found.T, norm=scale, cmap="cividis", rasterized=True)
+    axes.set_aspect("equal")
+    axes.locator_params(nbins=6)
+    return mesh

@@ -10,7 +10,7 @@ from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
 from symcal.planning.plan_study import PlanStudy
-from symcal.plots.cells import from_side, in_cells
+from symcal.plots.cells import draw_cells, from_side, in_cells
 from symcal.plots.style import INK, WIDE, Illustration, print_settings, settle, sheet
 from symcal.words import number
 
@@ -43,8 +43,8 @@ def error_map(found: PlanStudy) -> Illustration:
         width, height = [float(np.ptp(x)) for _, x, _ in panels], max(float(np.ptp(y)) for _, _, y in panels)
         figure = sheet(WIDE, float(np.clip(_MARGIN + height * _DRAWN / sum(width), 52.0, 120.0)))
         rows: Any = figure.subplots(1, 2, width_ratios=width)
-        for axes, (title, right, up, _, marks), (grid, x, y) in zip(rows, views, panels, strict=True):
-            axes.pcolormesh(x, y, grid.T, norm=scale, cmap="cividis", rasterized=True)
+        for axes, (title, right, up, _, marks), cells in zip(rows, views, panels, strict=True):
+            draw_cells(axes, cells, scale)
             axes.plot(
                 *marks.T,
                 linestyle="none",
@@ -55,10 +55,8 @@ def error_map(found: PlanStudy) -> Illustration:
                 clip_on=False,
                 zorder=3,
             )
-            axes.set_aspect("equal")
             axes.set(xlabel=right, ylabel=up)
             axes.set_title(title)
-            axes.locator_params(nbins=6)
         bar = figure.colorbar(ScalarMappable(scale, "cividis"), ax=list(rows), pad=0.015, aspect=24)
         bar.set_label("predicted rms position error / mm")
         bar.outline.set_visible(False)

@@ -10,7 +10,7 @@ from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
 from symcal.calibration.apart import WITHIN, Apart
-from symcal.plots.cells import from_side, in_cells
+from symcal.plots.cells import draw_cells, from_side, in_cells
 from symcal.plots.style import INK, WIDE, Illustration, print_settings, settle, sheet
 from symcal.words import number, percent
 
@@ -44,15 +44,13 @@ def halves_map(found: Apart, what: str, who: str) -> Illustration:
             grids = [_rms_of(found, flat, cell, over=bool(row)) for _, _, _, flat in views]
             values = np.concatenate([grid[np.isfinite(grid)] for grid, _, _ in grids])
             scale = Normalize(0.0, max(float(values.max()), _BEYOND if row else 0.0) or 1.0)
-            for column, ((title, right, up, _), (grid, x, y)) in enumerate(zip(views, grids, strict=True)):
+            for column, ((title, right, up, _), cells) in enumerate(zip(views, grids, strict=True)):
                 axes = panels[row, column]
-                axes.pcolormesh(x, y, grid.T, norm=scale, cmap="cividis", rasterized=True)
+                draw_cells(axes, cells, scale)
                 if row:
-                    _mark(axes, grid, x, y)
-                axes.set_aspect("equal")
+                    _mark(axes, *cells)
                 axes.set(xlabel=right if row else "", ylabel=up)
                 axes.set_title(title if not row else "")
-                axes.locator_params(nbins=6)
             bar = figure.colorbar(ScalarMappable(scale, "cividis"), ax=list(panels[row]), pad=0.015, aspect=18)
             bar.set_label(label)
             bar.outline.set_visible(False)

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import LogNorm
 from numpy.typing import NDArray
-from scipy.stats import binned_statistic_2d
 
 from symcal.calibration.compensation_check import Handover
 from symcal.calibration.evaluate import statistics
+from symcal.plots.cells import draw_cells, from_side, in_cells
 from symcal.plots.panels import logarithmic
 from symcal.plots.style import (
     LOOKS,
@@ -66,12 +66,12 @@ def compensation_map(handover: Handover) -> Illustration:
     wanted, reached = handover.wanted, handover.reached
     views = (
         ("from above", "x / mm", "y / mm", wanted[:, :2]),
-        ("from the side", "distance from the z axis / mm", "z / mm", _side(wanted)),
+        ("from the side", "distance from the z axis / mm", "z / mm", from_side(wanted, np.zeros(3))),
     )
     spans = [np.ptp(flat, axis=0) for *_, flat in views]
     cell = max(float(span.max()) for span in spans) / _CELLS
     rows = (("before", np.full(len(wanted), True)), ("after", reached))
-    maps = [[_cells(flat, _norms(handover, state), cell, where) for *_, flat in views] for state, where in rows]
+    maps = [[in_cells(flat, _norms(handover, state), cell, where=where) for *_, flat in views] for state, where in rows]
     values = np.concatenate([found[np.isfinite(found)] for row in maps for found, _, _ in row])
     scale = LogNorm(*_decades(values))
     width = [float(span[0]) for span in spans]
@@ -82,14 +82,12 @@ def compensation_map(handover: Handover) -> Illustration:
         panels: Any = figure.subplots(2, 2, width_ratios=width)
         for i, (state, _) in enumerate(rows):
             for j, (title, right, up, flat) in enumerate(views):
-                axes, (found, x, y) = panels[i, j], maps[i][j]
-                shown = axes.pcolormesh(x, y, found.T, norm=scale, cmap="cividis", rasterized=True)
+                axes = panels[i, j]
+                shown = draw_cells(axes, maps[i][j], scale)
                 if state == "after" and not reached.all():
                     axes.plot(*flat[~reached].T, "x", color=VERMILION, markersize=2.2, markeredgewidth=0.5)
-                axes.set_aspect("equal")
                 axes.set(xlabel=right if i else "", ylabel=up)
                 axes.set_title(title if j else f"{_STATES[state].label}, {title}")
-                axes.locator_params(nbins=6)
         bar = figure.colorbar(shown, ax=panels, pad=0.015, aspect=36)
         bar.set_label("largest position error in a cell / mm")
         logarithmic(bar.ax.yaxis)
@@ -101,20 +99,6 @@ def compensation_map(handover: Handover) -> Illustration:
 
 def _norms(handover: Handover, state: str) -> Array:
     return (handover.before if state == "before" else handover.after).size
-
-
-def _side(points: Array) -> Array:
-    return np.column_stack([np.hypot(points[:, 0], points[:, 1]), points[:, 2]])
-
-
-def _cells(flat: Array, errors: Array, cell: float, where: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
-    """The largest error of the poses in a cell; cells are the same whichever poses count."""
-    low, high = flat.min(axis=0), flat.max(axis=0)
-    edges = [a + cell * np.arange(int(np.ceil(max(b - a, cell) / cell)) + 1) for a, b in zip(low, high, strict=True)]
-    if not where.any():
-        return np.full((len(edges[0]) - 1, len(edges[1]) - 1), np.nan), edges[0], edges[1]
-    found = binned_statistic_2d(flat[where, 0], flat[where, 1], errors[where], statistic="max", bins=edges)
-    return np.asarray(found.statistic), edges[0], edges[1]
 
 
 def _decades(values: Array) -> tuple[float, float]:

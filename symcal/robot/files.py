@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from symcal import spatial
 from symcal.documents.document import write_document
-from symcal.errors import InputError
 from symcal.robot.robot import Joint, Link, Record, Robot
 from symcal.robot.schema import LINK_PARAMETERS, SCHEMA, CalibrationEntry, LinkEntry, read_robot_file
 from symcal.robot.schema import Convention as Convention
@@ -113,10 +112,7 @@ def save_robot(robot: Robot, path: Path | str, units: tuple[LengthUnit, AngleUni
             "nominal_tool": frame_entry(robot.record.nominal_tool, length),
             "provenance": dict(robot.record.provenance),
         }
-    try:
-        write_document(path, data)
-    except OSError as error:
-        raise InputError(f"the file cannot be written: {error.strerror}", file=path) from None
+    write_document(path, data)
 
 
 def frame_entry(matrix: Array, length: float = 1.0) -> dict[str, list[float]]:

@@ -8,16 +8,10 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, Field
 from pydantic_core import PydanticCustomError
 
-from symcal.documents.document import Strict
-
-
-class Loose(BaseModel):
-    """Known keys checked as strictly as in any file; others kept."""
-
-    model_config = ConfigDict(extra="allow", frozen=True, strict=True, allow_inf_nan=False)
+from symcal.documents.document import Loose, Strict
 
 
 class Named(Loose):

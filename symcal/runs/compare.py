@@ -14,13 +14,12 @@ from symcal.calibration import results
 from symcal.calibration.robot_difference import RobotDifference, robot_difference
 from symcal.documents.read import TABLE_LIMIT, read_text
 from symcal.errors import InputError, RefusedError
-from symcal.outputs.whole_file import write_whole
 from symcal.report.comparison import cautions
 from symcal.report.measured import judged
 from symcal.report.verdict import judging_part
 from symcal.robot.files import load_robot
 from symcal.robot.robot import Robot
-from symcal.runs.folder import require_replaceable, run_folder, write_json
+from symcal.runs.folder import require_replaceable, run_folder, write_json, write_table
 from symcal.runs.results_file import read_results, size_of
 
 MOST = 8
@@ -240,7 +239,7 @@ def _write(content: Mapping[str, Any], out: Path, inputs: Sequence[Path], progre
         write_json(folder / "results.json", content)
         (folder / "tables").mkdir()
         for name, rows in _tables(content).items():
-            write_whole(folder / "tables" / f"{name}.csv", pd.DataFrame(rows).to_csv(index=False))
+            write_table(folder / "tables" / f"{name}.csv", pd.DataFrame(rows))
         progress("drawing")
         (folder / "figures").mkdir()
         save_figure(comparison(content), folder / "figures")

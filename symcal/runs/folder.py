@@ -8,13 +8,16 @@ import stat
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from symcal.errors import InputError, RefusedError
 from symcal.export.c import is_built
 from symcal.outputs.manifest import MANIFEST, foreign_files, has_manifest, write_manifest
 from symcal.outputs.whole_file import write_whole
 from symcal.outputs.whole_folder import absolute, recover, whole_folder
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 CODE = "c"
 """Where the C code is in a run's folder."""
@@ -25,7 +28,7 @@ _NAMED = 3  # files in a message
 def require_replaceable(target: Path, inputs: Iterable[Path] = ()) -> None:
     """Refuse early, before the work is done, what `run_folder` would not replace.
 
-    What killed runs left beside the target is mended first.
+    What killed runs left beside the target is mended before what is in it is looked at.
 
     Args:
         inputs: files and folders that the run reads.
@@ -35,12 +38,12 @@ def require_replaceable(target: Path, inputs: Iterable[Path] = ()) -> None:
             version, or somebody's) is refused unless it is empty. What `make` made in its C code does not count.
         InputError: the target cannot be read.
     """
-    _require_place(target, inputs)
+    _require_possible(target, inputs)
     recover(target)
     _refuse_foreign(absolute(target), target)
 
 
-def _require_place(target: Path, inputs: Iterable[Path]) -> None:
+def _require_possible(target: Path, inputs: Iterable[Path]) -> None:
     """Refuse what can be no run's folder, whatever is in it, or holds what the run reads."""
     where = absolute(target)
     if _is_folder(where) is False:
@@ -74,7 +77,7 @@ def run_folder(target: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
     Raises:
         RefusedError, InputError: as `require_replaceable`; the folder cannot be written.
     """
-    _require_place(target, inputs)
+    _require_possible(target, inputs)
     with whole_folder(target, lambda folder: _refuse_foreign(folder, target), write_manifest) as folder:
         yield folder
 
@@ -118,6 +121,15 @@ def _made_from_code(path: str) -> bool:
     """Whether `make` in a run's folder of C code made a file."""
     folder, _, name = path.partition("/")
     return folder == CODE and is_built(name)
+
+
+def write_table(path: Path, table: pd.DataFrame) -> None:
+    """Write a table as CSV.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    write_whole(path, table.to_csv(index=False))
 
 
 def write_json(path: Path, data: Mapping[str, Any]) -> None:

@@ -15,13 +15,12 @@ from symcal.images.entries import measured_head
 from symcal.images.files import write_images
 from symcal.model.contact import constraints, touched_names
 from symcal.outputs.names import file_names
-from symcal.outputs.whole_file import write_whole
 from symcal.planning.plan_file import write_plan
 from symcal.robot.files import save_robot
 from symcal.robot.robot import Robot
 from symcal.runs.code import with_code
 from symcal.runs.experiment import Outcome, Progress, identify_experiment
-from symcal.runs.folder import require_replaceable, run_folder, write_json
+from symcal.runs.folder import require_replaceable, run_folder, write_json, write_table
 from symcal.runs.load import Experiment, named_files
 from symcal.runs.tables import tables
 
@@ -60,7 +59,7 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
     write_document(folder / "experiment.resolved.yaml", resolved | {"seed": experiment.seed})
     (folder / "tables").mkdir()
     for name, table in tables(outcome.content, calibration, outcome.data, outcome.errors).items():
-        write_whole(folder / "tables" / f"{name}.csv", table.to_csv(index=False))
+        write_table(folder / "tables" / f"{name}.csv", table)
     if outcome.images is not None and outcome.images.images is not None:
         write_images(outcome.images.images.camera, outcome.images.images.examples, folder)
     if outcome.rendered is not None:

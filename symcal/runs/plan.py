@@ -15,7 +15,6 @@ from symcal.config import conversion as config
 from symcal.documents.document import write_document
 from symcal.documents.table import read_table
 from symcal.outputs.names import file_name
-from symcal.outputs.whole_file import write_whole
 from symcal.planning.plan_file import write_plan, write_waypoints
 from symcal.planning.plan_study import PlanStudy, find
 from symcal.planning.results import (
@@ -28,7 +27,7 @@ from symcal.planning.results import (
     promise_facts,
     region_words,
 )
-from symcal.runs.folder import require_replaceable, run_folder, write_json
+from symcal.runs.folder import require_replaceable, run_folder, write_json, write_table
 from symcal.runs.load import Experiment, load, named_files
 
 Progress = Callable[[str], None]
@@ -120,7 +119,7 @@ def write(outcome: PlanOutcome, folder: Path, progress: Progress) -> None:
     tool = problem.arm.motion(poses)[0]
     errors = found.accuracy.at(poses, problem.info.posterior(poses))
     for name, table in plan_tables(experiment.robot, planned, outcome.content, tool, errors, touches).items():
-        write_whole(folder / "tables" / f"{name}.csv", table.to_csv(index=False))
+        write_table(folder / "tables" / f"{name}.csv", table)
     if planned.timed:
         write_waypoints(folder / "tables" / "waypoints.csv", experiment.robot, planned.motion)
     if problem.candidates is not None:
@@ -146,4 +145,4 @@ def _write_choice(outcome: PlanOutcome, path: Path) -> None:
     names = table.text("pose") if "pose" in table.columns else [str(i + 1) for i in range(len(table))]
     chosen = set(outcome.findings.planned.names)
     frame["split"] = ["train" if name in chosen else "test" for name in names]
-    write_whole(path, frame.to_csv(index=False))
+    write_table(path, frame)

@@ -7,59 +7,53 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from symcal.calibration import results
-from symcal.documents.document import dotted
+from symcal.documents.document import Loose, dotted
 from symcal.documents.read import CONTROL, DOCUMENT_LIMIT, read_text
 from symcal.errors import InputError
 
 
-class _Part(BaseModel):
-    """Keys that are read, of the kind that a run writes; others are not looked at."""
-
-    model_config = ConfigDict(extra="allow", frozen=True, strict=True, allow_inf_nan=False)
-
-
-class _Parameter(_Part):
+class _Parameter(Loose):
     error: float
 
 
-class _Noise(_Part):
+class _Noise(Loose):
     sigma: float
     unit: str
 
 
-class _Identification(_Part):
+class _Identification(Loose):
     parameters: dict[str, _Parameter]
     noise: dict[str, _Noise] = Field(default_factory=dict)
 
 
-class _Identifiability(_Part):
+class _Identifiability(Loose):
     parameters: int | None = None
 
 
-class _Measurement(_Part):
+class _Measurement(Loose):
     poses: dict[str, int] = Field(default_factory=dict)
     quantity: str = ""
     unit: str = ""
 
 
-class _Reason(_Part):
+class _Reason(Loose):
     text: str
 
 
-class _Decision(_Part):
+class _Decision(Loose):
     accepted: bool
     reasons: list[_Reason]
 
 
-class _Statistics(_Part):
+class _Statistics(Loose):
     rms: float
     p95: float
 
 
-class _Results(_Part):
+class _Results(Loose):
     title: str = ""
     against: str | None = None
     identification: _Identification

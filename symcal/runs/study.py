@@ -19,7 +19,6 @@ from symcal.data.saved_measurements import save_measurements
 from symcal.documents.document import write_document
 from symcal.export.corrections import corrections
 from symcal.export.results import correction_facts, handover_facts
-from symcal.outputs.whole_file import write_whole
 from symcal.paper.content import study_content
 from symcal.paper.results import Study
 from symcal.paper.study import run_study
@@ -29,7 +28,7 @@ from symcal.planning.plan_file import write_plan, write_waypoints
 from symcal.robot.files import save_robot
 from symcal.robot.robot import Robot
 from symcal.runs.code import with_code
-from symcal.runs.folder import require_replaceable, run_folder, write_json
+from symcal.runs.folder import require_replaceable, run_folder, write_json, write_table
 from symcal.runs.load import Experiment, named_files
 
 Progress = Callable[[str], None]
@@ -121,8 +120,8 @@ def write(outcome: StudyOutcome, folder: Path, progress: Progress = lambda _: No
     write_document(folder / "experiment.resolved.yaml", resolved | {"seed": experiment.seed})
     tables.mkdir()
     for name, table in study_tables(study).items():
-        write_whole(tables / f"{name}.csv", table.to_csv(index=False))
-    write_whole(tables / "corrections.csv", corrections(calibrated).to_csv(index=False))
+        write_table(tables / f"{name}.csv", table)
+    write_table(tables / "corrections.csv", corrections(calibrated))
     for name, plan in study.plans.items():
         write_plan(tables / f"plan_{name}.csv", robot, plan.poses, plan.motion)
         write_waypoints(tables / f"waypoints_{name}.csv", robot, plan.motion)

@@ -28,10 +28,9 @@ from symcal.fit.estimation import Options
 from symcal.model.model import Model, State, build_model
 from symcal.model.observation import Observation
 from symcal.model.task import Task
-from symcal.outputs.whole_file import write_whole
 from symcal.robot.files import load_robot
 from symcal.robot.robot import Robot
-from symcal.runs.folder import require_replaceable, run_folder, write_json
+from symcal.runs.folder import require_replaceable, run_folder, write_json, write_table
 from symcal.runs.second import with_second
 from symcal.words import plural
 
@@ -84,17 +83,18 @@ def validate_robot(
     _check_placed(robot, names, refit)
     errors: dict[str, Errors] = {}
     judged: dict[str, State] = {}
+    tasks: dict[str, Task] = {}
     states: tuple[tuple[Literal["before", "after"], Robot], ...] = (("before", robot.nominal()), ("after", robot))
     for name, subject in states:
         progress(f"evaluating: {name}")
         recorded = recorded_task(robot.record.provenance, name, calibrated)
-        kept = _of_these(recorded, instrument, names, sessions)
-        model = build_model(subject, _loosened(kept, refit))
+        tasks[name] = _of_these(recorded, instrument, names, sessions)
+        model = build_model(subject, _loosened(tasks[name], refit))
         judged[name] = _state(model, subject, new, refit)
         found = evaluate(judged[name], new)
         errors[name] = replace(found, fitted=len(model.placement)) if refit else found
     moved = () if refit else moved_between(judged["after"], new)
-    task = _of_these(task, instrument, names, sessions)
+    task = tasks["after"]
     content = {
         **results.header(robot.name, f"Validation of {robot.name}", 0, (calibrated, data), Path.cwd()),
         "robot": results.robot_facts(robot),
@@ -106,14 +106,13 @@ def validate_robot(
         "against": results.against(task),
     }
     progress("calibrating again from these alone")
-    before = _of_these(recorded_task(robot.record.provenance, "before", calibrated), instrument, names, sessions)
-    second = with_second(content, robot, before, new, refit, sessions, judged["after"].setup)
+    second = with_second(content, robot, tasks["before"], new, refit, sessions, judged["after"].setup)
     content["decision"] = decide_validation(robot, judged["before"], errors, new.q, content, tolerance).facts
     if out is not None:
         with run_folder(out, (calibrated, data)) as folder:
             write_json(folder / "results.json", content)
             (folder / "tables").mkdir()
-            write_whole(folder / "tables" / "errors.csv", _table(errors, new.labels).to_csv(index=False))
+            write_table(folder / "tables" / "errors.csv", _table(errors, new.labels))
             if second is not None:
                 progress("drawing")
                 _draw(second, folder / "figures")

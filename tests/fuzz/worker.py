@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .finished import fine
 from .mutations import mutated
 from .readers import READERS
 
@@ -73,8 +74,8 @@ def outcomes(reader: str, numbers: range) -> Iterator[Outcome]:
                     outcome = Outcome(reader, number, "ok")
                 except SymcalError as error:
                     text = str(error)
-                    fine = all(c.isprintable() or c == "\n" for c in text) and len(text) < 20_000
-                    outcome = Outcome(reader, number, "refused" if fine else "finding", text if fine else repr(text))
+                    told = ("refused", text) if fine(text) else ("finding", repr(text))
+                    outcome = Outcome(reader, number, *told)
                 except TooLong:
                     outcome = Outcome(reader, number, "finding", "too long\n" + traceback.format_exc())
                 except BaseException:  # noqa: BLE001 - that is what is looked for

@@ -39,15 +39,14 @@ class Bound:
     """The largest value of a polynomial over its working area.
 
     upper: proven; rounding is in it. value, pose: the largest value that was met, and where, shape (dof,); both None
-    where it is no larger than was to be proven: else the search had missed it. threshold: up to which it was proven
-    but for the open_share of the area's volume. boxes: that were looked at, pieces of the joints' ranges among them.
-    rounding: the margin for it.
+    where it is no larger than was to be proven: else the search had missed it. open_share: of the area's volume, that
+    is not proven to lie below what was to be proven. boxes: that were looked at, pieces of the joints' ranges among
+    them. rounding: the margin for it.
     """
 
     upper: float
     value: float | None
     pose: Array | None
-    threshold: float
     open_share: float
     boxes: int
     rounding: float
@@ -223,7 +222,6 @@ def largest_value(polynomial: TracePolynomial, known: float, slack: float, *, wo
         upper=max([search.threshold, *(upper for upper, _ in left.values())]),
         value=search.value,
         pose=search.pose,
-        threshold=search.threshold,
         open_share=sum(share for _, share in left.values()) / len(tops),
         boxes=search.boxes,
         rounding=search.rounding,

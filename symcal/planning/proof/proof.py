@@ -128,8 +128,7 @@ def ceiling(
         own = optimal_design(info, by_d, everywhere, ground, everywhere.sample, rng, tolerance=tolerance)
     missed = 0
     while True:
-        weight = np.linalg.inv(own.matrix)
-        weight = 0.5 * (weight + weight.T)
+        weight = symmetric_inverse(own.matrix)
         resting = float(np.sum(weight * ground))
         bound, joints = maximum(info, weight, info.rank * (1.0 + own.excess) - resting, rng, work)
         if bound.pose is None or bound.value is None:
@@ -144,6 +143,12 @@ def ceiling(
     if where.feasible is None:
         design, where = own, everywhere
     return Ceiling(logdet_ceiling(weight, bound.upper, ground), bound, joints, missed, design, where)
+
+
+def symmetric_inverse(matrix: Array) -> Array:
+    """The inverse of a symmetric matrix, symmetric to the last bit."""
+    inverse = np.linalg.inv(matrix)
+    return np.asarray(0.5 * (inverse + inverse.T), dtype=np.float64)
 
 
 def logdet_ceiling(weight: Array, largest: float, ground: Array) -> float:
@@ -170,13 +175,12 @@ def logdet_error(matrix: Array, entries: Array) -> float:
     return 2.0 * float(np.sum(np.abs(np.linalg.inv(matrix)) * (entries + backward)))
 
 
-def d_efficiency(info: PoseInformation, poses: Array, ceiling: float) -> float:
+def d_efficiency(info: PoseInformation, poses: Array, matrix: Array, ceiling: float) -> float:
     """The proven D-efficiency of a plan, shape (N, dof).
 
     Args:
-        ceiling: a bound of log det of the mean information per pose.
+        matrix: its information per pose, M. ceiling: a bound of log det of that of any plan.
     """
-    matrix = info.total(poses) / len(poses)
     assert isinstance(info.function, SubspaceRows)  # or there would be no ceiling
     rows, doubt = evaluate(read_program(info.function.expression), poses)
     basis, p = np.abs(info.basis), len(info.basis)
@@ -191,6 +195,7 @@ def d_efficiency(info: PoseInformation, poses: Array, ceiling: float) -> float:
 def prove_plan(
     info: PoseInformation,
     poses: Array,
+    mean: tuple[Array, Array],
     merit: Criterion,
     top: Ceiling,
     known: float,
@@ -201,13 +206,12 @@ def prove_plan(
     """What is proven about a plan, shape (N, dof), and a pose that is worse for it than the worst that was found.
 
     Args:
-        merit: its own criterion; best: a nearly optimal design for it, None without one. top: the bound by D.
-        known: the largest tr(I(x) M^-1) that a search found.
+        mean: its information per pose M, and the symmetric inverse of that. merit: its own criterion; best: a nearly
+            optimal design for it, None without one. top: the bound by D. known: the largest tr(I(x) M^-1) that a search
+            found.
     """
-    matrix, ground = info.total(poses) / len(poses), info.prior / len(poses)
-    inverse = np.linalg.inv(matrix)
-    inverse = 0.5 * (inverse + inverse.T)
-    of_d = d_efficiency(info, poses, top.logdet)
+    (matrix, inverse), ground = mean, info.prior / len(poses)
+    of_d = d_efficiency(info, poses, matrix, top.logdet)
     worst = _bounded(info, inverse, known, rng, work)
     own = of_d**merit.root if merit.name in ("D", "O1") else None
     other = None

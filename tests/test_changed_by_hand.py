@@ -120,3 +120,20 @@ def test_errors_that_are_none_are_not_compared(run: Path, value: object) -> None
     changed(run, "results.json", f"accuracy.{part}", value)
     runs = compare_runs([finished(ARM), run])["runs"]
     assert [facts["accuracy"] is None for facts in runs.values()] == [False, True]
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("decision", True), ("decision.reasons", 3), ("identification", "x"), ("measurement", [1])]
+)
+def test_what_a_lone_calibration_says_is_compared_as_far_as_it_is_that(
+    run: Path, tmp_path: Path, key: str, value: object
+) -> None:
+    """Without the results.json beside it."""
+    lone = tmp_path / "lone"
+    lone.mkdir()
+    shutil.copy(run / "calibrated.yaml", lone)
+    changed(lone, "calibrated.yaml", f"calibration.provenance.{key}", value)
+    found = compare_runs([run, lone / "calibrated.yaml"])
+    (pair,) = found["comparison"]
+    assert pair["identical"]
+    assert (found["runs"]["lone"]["reasons"] == []) is key.startswith("decision")

@@ -126,19 +126,20 @@ def _names(paths: Sequence[Path]) -> list[str]:
 def _facts(run: Run) -> dict[str, Any]:
     """How good a run is, as far as it says; numbers that an older run does not have are None."""
     content, own = run.content, run.provenance
-    identified = content.get("identification", {})
-    decision = content.get("decision") or {}
+    identified, measured, seen, decision = (
+        _part(content, name) for name in ("identification", "measurement", "identifiability", "decision")
+    )
     facts: dict[str, Any] = {
         "file": str(run.file),
         "title": content.get("title", run.robot.name),
-        "poses": content.get("measurement", {}).get("poses", {}),
+        "poses": measured.get("poses", {}),
         "rank": own.get("rank"),
-        "parameters": content.get("identifiability", {}).get("parameters"),
+        "parameters": seen.get("parameters"),
         "noise": identified.get("noise", {}),
         "size_factor": own.get("size_factor"),
         "trouble": own.get("trouble", ""),
         "accepted": decision.get("accepted"),
-        "reasons": [str(reason["text"]) for reason in decision.get("reasons", ())],
+        "reasons": _texts(decision.get("reasons")),
         "accuracy": None,
     }
     try:
@@ -159,6 +160,17 @@ def _facts(run: Run) -> dict[str, Any]:
     ):  # a robot that was calibrated by other means says nothing of it
         pass
     return facts
+
+
+def _part(content: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """Some of what a run says; nothing where that is nothing of its kind, as in a file that was changed by hand."""
+    found = content.get(name)
+    return found if isinstance(found, Mapping) else {}
+
+
+def _texts(reasons: object) -> list[str]:
+    found = reasons if isinstance(reasons, list) else []
+    return [str(reason["text"]) for reason in found if isinstance(reason, Mapping) and "text" in reason]
 
 
 def _pair(first: Run, other: Run, found: RobotDifference) -> dict[str, Any]:

@@ -143,8 +143,8 @@ def _written(program: Program, batched: tuple[bool, ...], portable: bool) -> _Te
     operands = _operands(program)
     last = {a: k for k, args in enumerate(operands) for a in args}
     uses = Counter(a for args in operands for a in args)
-    stores = [(k, i, args[0]) for k, (i, args) in enumerate(zip(program.instructions, operands, strict=True)) if isinstance(i, Store)]
-    straight_to = {value: f"o{i.port}e{i.element}" for _, i, value in stores if uses[value] == 1}
+    stores = [(i, args[0]) for i, args in zip(program.instructions, operands, strict=True) if isinstance(i, Store)]
+    straight_to = {value: f"o{i.port}e{i.element}" for i, value in stores if uses[value] == 1}
     text = _Text(program, batched)
     names: dict[int, str] = {}  # by the instruction that makes the value
     sines: dict[int, str] = {}  # where our own sine and cosine of a value are

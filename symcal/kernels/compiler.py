@@ -59,7 +59,7 @@ class Compiler:
     def name(self) -> str:
         """The first line of what it calls itself."""
         first = next(iter(self.version.strip().splitlines()), "") or Path(self.command[0]).name
-        return f"zig's {first}" if self.bundled else first
+        return f"zig's {first.partition(' (')[0]}" if self.bundled else first
 
     @property
     def portable(self) -> tuple[str, ...]:

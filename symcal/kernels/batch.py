@@ -171,7 +171,7 @@ class BatchFunction:
             message = f"'{self.function.name()}' cannot fill arrays of these shapes"
             raise InputError(message, key="out", found=found, allowed=map(str, wanted))
         for array in out:
-            if array.dtype != _FLOAT or not array.flags.c_contiguous or not array.flags.writeable:
+            if array.dtype != _FLOAT or not array.flags.carray:
                 raise InputError("arrays to be filled must be float64, C-contiguous and writeable", key="out")
             if any(np.may_share_memory(array, argument) for argument in arrays):
                 raise InputError("an array to be filled shares memory with an argument", key="out")

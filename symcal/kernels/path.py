@@ -30,7 +30,7 @@ CHOICES: tuple[Choice, ...] = ("auto", "c", "numpy", "vm", "portable")
 WORTH_COMPILING = 50_000
 WORTH_WRITING = 2_000
 
-SLOWER = 20
+SLOWER = 15
 """How many times slower than C numpy is, about: position and Jacobian of the handling robot, 1000 rows. Measured by
 `python tests/kernels/speed.py c,numpy`, which compares all paths in one process and can be run again."""
 

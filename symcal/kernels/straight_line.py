@@ -24,7 +24,7 @@ from symcal.kernels.numpy_operations import EXACT, ROUNDED, sincos
 Array = NDArray[np.float64]
 Run = Callable[[int, list[Array], list[Array]], None]
 
-BLOCK = 2048  # rows at once: enough to hide the cost of a call, few enough for the values to stay in a cache
+BLOCK = 4096  # rows at once: enough to hide what a call costs; a value takes 32 kB
 _WHOLE = 16  # elements: two of the longest vectors there are
 _SAME = ("assign", "lift")
 _REWRITTEN = {"sq": "mul", "twice": "add", "inv": "div"}

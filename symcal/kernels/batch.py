@@ -173,7 +173,9 @@ class BatchFunction:
         for array in out:
             if array.dtype != _FLOAT or not array.flags.carray:
                 raise InputError("arrays to be filled must be float64, C-contiguous and writeable", key="out")
-            if any(np.may_share_memory(array, argument) for argument in arrays):
+            # Two arrays that are no views share memory only if they are one; asking costs more than a small batch.
+            views = arrays if array.base is not None else [a for a in arrays if a.base is not None or a is array]
+            if any(np.may_share_memory(array, argument) for argument in views):
                 raise InputError("an array to be filled shares memory with an argument", key="out")
         return [array if plan.many else array[None] for array in out]
 

@@ -138,7 +138,8 @@ def _own_cache() -> dict[str, str]:
     except OSError:
         folder = private_folder()
     place = folder / "zig"
-    place.mkdir(exist_ok=True, mode=0o700)
+    open_own_folder(place)
+    place.chmod(0o700)  # Zig makes folders in it as the user's mask has it
     return {"ZIG_GLOBAL_CACHE_DIR": str(place), "ZIG_LOCAL_CACHE_DIR": str(place)}
 
 

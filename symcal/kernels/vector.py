@@ -21,10 +21,11 @@ from symcal.kernels.instructions import (
 
 ENTRY = "symcal_kernel"
 
-_OWN_SINES = """#undef real_sin
+OWN_SINES = """#undef real_sin
 #undef real_cos
 #define real_sin(a) scalar_sin(a)
 #define real_cos(a) scalar_cos(a)"""
+"""For the portable level, after lanes.h and `scalar_definitions`: sines of shared values are not libm's."""
 
 
 def kernel_source(program: Program, batched: tuple[bool, ...], *, portable: bool = False) -> str:
@@ -50,7 +51,7 @@ def kernel_source(program: Program, batched: tuple[bool, ...], *, portable: bool
     part = ", ".join(["shared", *(f"{n}_part" for n, _ in rows_in + rows_out)])
     lines = [
         resources.files(__package__).joinpath("lanes.h").read_text(encoding="utf-8"),
-        scalar_definitions([program]) + (_OWN_SINES if portable else ""),
+        scalar_definitions([program]) + (OWN_SINES if portable else ""),
         f"static void shared_values({', '.join([*(f'const double *{n}' for n in shared_names), 'double *shared'])}) {{",
         *(f"  {line}" for line in shared_lines),
         "}",

@@ -7,6 +7,7 @@ import logging
 import os
 import pickle
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import casadi as ca
@@ -109,6 +110,21 @@ def test_portable_bits_are_the_same_from_any_compiler_and_from_numpy(
         for compiled, own in zip(c(q, x), plain(q, x), strict=True):
             np.testing.assert_array_equal(compiled, own)
         assert all(isinstance(run, Compiled) for run in c._runs.values())
+
+
+@pytest.mark.skipif(find_spec("ziglang") is None, reason="the package ziglang is not installed here")
+def test_the_compiler_that_comes_as_a_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.delenv("CC", raising=False)
+    compiler = find_compiler()
+    assert compiler is not None
+    assert compiler.bundled
+    f, vm = (batch_function(handling_arm(), backend=b) for b in ("c", "vm"))
+    q, x = np.random.default_rng(3).uniform(-3, 3, (43, 5)), np.full(15, 0.01)
+    for result, wanted in zip(f(q, x), vm(q, x), strict=True):
+        np.testing.assert_allclose(result, wanted, rtol=1e-13, atol=1e-11)
+    assert all(isinstance(run, Compiled) for run in f._runs.values())
+    assert "zig" in str(path_in_use())
 
 
 @needs_compiler

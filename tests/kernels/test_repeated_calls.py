@@ -90,6 +90,10 @@ def test_an_array_that_is_read_and_filled_at_once_is_refused() -> None:
     both = np.ones((4, 2))
     with pytest.raises(InputError, match="shares memory"):
         f(both, out=[both])
+    whole = np.ones((5, 2))
+    for given, out in ((whole[:4], whole[1:]), (whole, whole[:]), (whole[:], whole)):
+        with pytest.raises(InputError, match="shares memory"):
+            f(given, out=[out])
     locked = np.ones((4, 2))
     locked.flags.writeable = False
     with pytest.raises(InputError, match="writeable"):

@@ -63,7 +63,8 @@ def minimise_many(
         system = rows(active, trial[active])
         usable = np.isfinite(system).all(axis=(1, 2))
         system[~usable] = 0.0
-        now = np.where(usable, 0.5 * np.sum(system[:, :, -1] ** 2, axis=1), np.inf)
+        with np.errstate(over="ignore"):  # infinitely bad then
+            now = np.where(usable, 0.5 * np.sum(system[:, :, -1] ** 2, axis=1), np.inf)
         fresh = np.asarray(np.linalg.qr(system, mode="r"))[:, :n]
         before = cost[active]
         better = now < before

@@ -158,7 +158,8 @@ INLINE Ahead two_columns(V *restrict triangle, V *restrict block, int j, Ahead h
   return next;
 }
 
-INLINE void absorb_rows(V *restrict triangle, V *restrict block, int rows) {
+/* `rows` rows of the block, which is spoilt. */
+static __attribute__((noinline)) void absorb(V *restrict triangle, V *restrict block, int rows) {
   Ahead here = {sum_of_products(block, block, rows), sum_of_products(block, block + K, rows)};
   int j = 0;
   for (; j + 1 < NF; j += 2) here = two_columns(triangle, block, j, here, rows);
@@ -166,12 +167,4 @@ INLINE void absorb_rows(V *restrict triangle, V *restrict block, int rows) {
   V *const last = triangle + j * NC; /* only the right-hand side is behind it */
   const Reflector one = reflector(last + j, here.squares);
   last[NF] -= one.tau * (one.u * last[NF] + here.product) * one.u;
-}
-
-/* Twice the same text: with K known the compiler does better. The block is spoilt. */
-static __attribute__((noinline)) void absorb(V *restrict triangle, V *restrict block, int rows) {
-  if (rows == K)
-    absorb_rows(triangle, block, K);
-  else
-    absorb_rows(triangle, block, rows);
 }

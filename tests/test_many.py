@@ -180,12 +180,12 @@ def test_the_minimum_is_scipys(name: str, backend: str, monkeypatch: pytest.Monk
         spread = np.sqrt(np.diag(covariance))
         assert np.abs((many.x[i] - x)[index] / spread).max() < 1e-4
         np.testing.assert_allclose(
-            many.covariance[i] / np.outer(spread, spread), covariance / np.outer(spread, spread), atol=1e-5
+            many.covariance[i] / np.outer(spread, spread), covariance / np.outer(spread, spread), atol=1e-4
         )
         prior = beforehand(case.model.parameters, many.free).rows(case.model.parameters.scales[index])
         unlearnt = prior / case.model.parameters.scales[index]
         learnt = len(index) - np.trace(unlearnt.T @ unlearnt @ covariance)
-        assert many.dof[i] == pytest.approx(np.isfinite(sigma[i]).sum() - learnt, abs=1e-5)
+        assert many.dof[i] == pytest.approx(np.isfinite(sigma[i]).sum() - learnt, abs=1e-3)
         told = jacobian[: -len(prior)] * case.model.parameters.scales[index]
         assert many.rank[i] == analyse_rank(told)
     held = np.setdiff1d(np.arange(len(case.model.parameters)), index)

@@ -13,6 +13,7 @@ same form.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -30,7 +31,7 @@ from symcal.solvers.many import minimise_many
 
 Array = NDArray[np.float64]
 
-TOLERANCES = Tolerances(cost=1e-10, iterations=60)
+TOLERANCES = Tolerances(cost=1e-10, iterations=100)
 """The cost is then right to 1e-10 of itself, and errors to 1e-4 of their standard deviation."""
 
 _FINITE = "readings that count must be finite; what was not measured has infinite sigma"
@@ -140,20 +141,18 @@ def fit_many(
     system = system_of(model, free, moved=start is not None)
     if not system.free:
         raise InputError("the task holds every parameter", key="free")
-    at = np.zeros(len(parameters)) if start is None else _array("start", start)
-    frame = _setup(model, setup)
+    at = system.nowhere if start is None else _array("start", start)
+    frame = system.setup if setup is None else _array("setup", setup.vector if isinstance(setup, Setup) else setup)
     joints, readings = _array("q", q), np.ascontiguousarray(z, dtype=np.float64)
     layout, weights, unit = _checked(system, joints, readings, np.asarray(sigma, dtype=np.float64), at, frame)
     if weights is not None:
         readings = np.nan_to_num(readings, copy=True, posinf=0.0, neginf=0.0)
     kernel = system.kernel(layout)
-    prior, width, nothing = system.prior * unit, system.scales / unit, _NOTHING * unit**2
-    budget = tolerances.iterations + 1
+    small, nothing, budget = tolerances.cost, _NOTHING * unit**2, tolerances.iterations + 1
     if kernel is not None:
-        minima = kernel(joints, at, frame, readings, weights, prior, width, unit, tolerances.cost, nothing, budget)
+        minima = kernel(joints, at, frame, readings, weights, unit, small, nothing, budget)
     else:
-        problem = _Numpy(system, joints, at, frame, readings, weights, prior, unit)
-        minima = problem.minima(width, tolerances.cost, nothing, budget)
+        minima = _Numpy(system, joints, at, frame, readings, weights, unit).minima(small, nothing, budget)
     if strict:
         _insist(minima, budget)
     return ManyFits(
@@ -171,20 +170,19 @@ def fit_many(
 
 def _array(key: str, values: ArrayLike) -> Array:
     array = np.ascontiguousarray(values, dtype=np.float64)
-    if not np.isfinite(array).all():
+    if not _all_finite(array):
         raise InputError("must be finite numbers", key=key, found=f"{_first(~np.isfinite(array))} is not")
     return array
+
+
+def _all_finite(array: Array) -> bool:
+    """By the sum of squares first, which is faster and can overflow."""
+    return math.isfinite(np.vdot(array, array)) or bool(np.isfinite(array).all())
 
 
 def _first(where: NDArray[np.bool_]) -> str:
     """The first place in an array, in brackets."""
     return f"[{', '.join(str(int(i[0])) for i in np.nonzero(where))}]"
-
-
-def _setup(model: Model, setup: Setup | ArrayLike | None) -> Array:
-    if setup is None:
-        return model.setup.vector
-    return setup.vector if isinstance(setup, Setup) else _array("setup", setup)
 
 
 def _checked(
@@ -194,9 +192,7 @@ def _checked(
 
     Rows of one noise are left in its unit, and no number is weighed.
     """
-    measurement = system.model.measurement
-    m, nz = measurement.rows, measurement.parts[-1].readings.stop
-    dof, n, k = system.model.robot.dof, len(measurement.parameters), system.model.measurement.predict.size1_in(2)
+    dof, n, k, nz, m = system.sizes
     if z.ndim != 3 or z.shape[2] != nz or 0 in z.shape[:2]:
         raise InputError(f"readings must have the shape (problems, poses, {nz})", key="z", found=z.shape)
     count, poses = z.shape[:2]
@@ -209,18 +205,15 @@ def _checked(
         raise InputError(f"must have the shape {allowed}", key="sigma", found=sigma.shape)
     if not (sigma > 0).all():  # NaN is not, either
         raise InputError("must be positive", key="sigma", found=sigma[~(sigma > 0)].flat[0])
-    index = tuple(system.index.tolist())
+    finite = _all_finite(z)
     if sigma.ndim == 0:
         if not np.isfinite(sigma):
             raise InputError("nothing would count", key="sigma", found=sigma)
-        if not np.isfinite(z).all():
-            where = _first(~np.isfinite(z))
-            raise InputError(
-                "readings that count must be finite; give infinite sigma", key="z", found=f"{where} is not"
-            )
-        return Layout(index, q_form, setup_form, None), None, float(sigma)
-    if not np.isfinite(z).all():
-        seen = [part.seen(z.reshape(-1, nz)) for part in measurement.parts]
+        if not finite:
+            raise InputError(_FINITE, key="z", found=f"{_first(~np.isfinite(z))} is not")
+        return Layout(system.places, q_form, setup_form, None), None, float(sigma)
+    if not finite:
+        seen = [part.seen(z.reshape(-1, nz)) for part in system.model.measurement.parts]
         bad = ~np.hstack(seen).reshape(count, poses, m) & np.isfinite(sigma)
         if bad.any():
             where = _first(bad)
@@ -229,7 +222,7 @@ def _checked(
             )
     each = sigma.ndim == 3
     weights = np.ascontiguousarray(np.broadcast_to(1.0 / sigma, sigma.shape if each else (poses, m)))
-    return Layout(index, q_form, setup_form, "reading" if each else "pose"), weights, 1.0
+    return Layout(system.places, q_form, setup_form, "reading" if each else "pose"), weights, 1.0
 
 
 def _form(key: str, array: Array, forms: dict[tuple[int, ...], Given]) -> Given:
@@ -250,7 +243,7 @@ def _equations(layout: Layout, weights: Array | None, z: Array, m: int) -> NDArr
 
 def _insist(minima: Minima, budget: int) -> None:
     ends = minima.counts[:, 2]
-    if not ends.any():
+    if not np.count_nonzero(ends):
         return
     first = int(np.flatnonzero(ends)[0])
     if ends[first] == NOT_FINITE:
@@ -268,10 +261,9 @@ class _Numpy:
     setup: Array
     z: Array
     weights: Array | None
-    prior: Array
     unit: float
 
-    def minima(self, width: Array, small: float, nothing: float, evaluations: int) -> Minima:
+    def minima(self, small: float, nothing: float, evaluations: int) -> Minima:
         count, poses = self.z.shape[:2]
         index, k = self.system.index, len(self.system.index)
         x = np.array(np.broadcast_to(self.start, (count, self.start.shape[-1])))
@@ -283,7 +275,7 @@ class _Numpy:
             ends = minimise_many(
                 lambda which, free, first=first: self.rows(which + first, free),  # type: ignore[misc]
                 x[some, index],
-                width,
+                self.system.scales / self.unit,
                 small=small,
                 nothing=nothing,
                 evaluations=evaluations,
@@ -305,7 +297,7 @@ class _Numpy:
             self.setup if self.setup.ndim == 1 else self._each(self.setup, which),
             self.z[which].reshape(count * poses, -1),
         )
-        known = self._known(x)
+        known, prior = self._known(x), self.system.prior * self.unit
         own = poses * r.shape[1]
         out = np.empty((count, own + known.shape[1] + k, k + 1))
         out[:, :own, :k] = jacobian.reshape(count, own, k)
@@ -315,8 +307,8 @@ class _Numpy:
             weights = weights.reshape(-1, own, 1)
             out[:, :own] = np.where(weights > 0, out[:, :own] * weights, 0.0)
         out[:, own : own + known.shape[1]] = known
-        out[:, own + known.shape[1] :, :k] = self.prior
-        out[:, own + known.shape[1] :, k] = np.sum(self.prior * free[:, None, :], axis=2)
+        out[:, own + known.shape[1] :, :k] = prior
+        out[:, own + known.shape[1] :, k] = np.sum(prior * free[:, None, :], axis=2)
         return out
 
     def _known(self, x: Array) -> Array:

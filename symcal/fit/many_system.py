@@ -30,6 +30,8 @@ class System:
     free, index: their names and places. scales: S, plausible sizes, shape (k,). prior: P, upper triangular rows of what
     is known before, |P x|^2, shape (k, k). equal: T with T^T T = P^T P + S^-2, shape (k, k): along it data tell as much
     as a plausible size.
+    setup: the model's own, shape (s,). nowhere: x = 0, shape (n,). sizes: joints, n, s, and readings
+        and components of a pose. places: index as a tuple.
     rows: (q, x, setup, z) -> r, shape (N, m), and J by the free parameters, shape (N, m, k); None where points come in
     stages. known: (x, setup) -> the same, whitened, of what is known between things, if anything is.
     """
@@ -40,6 +42,10 @@ class System:
     scales: Array
     prior: Array
     equal: Array
+    setup: Array
+    nowhere: Array
+    sizes: tuple[int, int, int, int, int]
+    places: tuple[int, ...]
     rows: BatchFunction | None
     known: ca.Function | None
     # Compiled for a form of the arrays; filled on first use, never changed after.
@@ -51,7 +57,7 @@ class System:
             return None
         if layout not in self._kernels:
             known = None if self.known is None else read_program(self.known)
-            self._kernels[layout] = fit_kernel(self.rows.program, layout, known)
+            self._kernels[layout] = fit_kernel(self.rows.program, layout, known, self.prior, self.scales)
         return self._kernels[layout]
 
     def at(self, q: Array, x: Array, setup: Array, z: Array) -> tuple[Array, Array]:
@@ -112,6 +118,7 @@ def _made(model: Model, free: tuple[str, ...], moved: bool) -> System:
     index = parameters.indices(free)
     scales = parameters.scales[index]
     prior = _triangle(beforehand(parameters, free).rows(scales) / scales)
+    setup = model.setup.vector
     staged = any(isinstance(part.residual, StagedKernel) for part in measurement.parts)
     whole = len(free) == len(parameters) and np.array_equal(index, np.arange(len(index)))
     rows: BatchFunction | None = None
@@ -126,6 +133,10 @@ def _made(model: Model, free: tuple[str, ...], moved: bool) -> System:
         scales=scales,
         prior=prior,
         equal=_triangle(np.vstack([prior, np.diag(1 / scales)])),
+        setup=setup,
+        nowhere=np.zeros(len(parameters)),
+        sizes=(model.robot.dof, len(parameters), setup.size, measurement.parts[-1].readings.stop, measurement.rows),
+        places=tuple(index.tolist()),
         rows=rows,
         known=_known(measurement, index, moved) if measurement.values else None,
     )

@@ -52,7 +52,7 @@ INLINE void back_substituted(const V *restrict triangle, V *restrict step) {
 }
 
 /* The damped step, and the fall of the cost that the linear model promises for it: damping |s / width|^2 + |R s|^2 / 2. */
-static __attribute__((noinline)) V damped_step(const V *restrict triangle, V damping, const double *width,
+static __attribute__((noinline)) V damped_step(const V *restrict triangle, V damping, const Job *job,
                                                V *restrict step) {
   V own[NC * NC], rows[NC * K];
   for (int i = 0; i < NC * NC; i++) own[i] = triangle[i];
@@ -60,7 +60,7 @@ static __attribute__((noinline)) V damped_step(const V *restrict triangle, V dam
   for (int first = 0; first < NF; first += K) {
     const int count = NF - first < K ? NF - first : K;
     for (int c = 0; c < NC; c++)
-      for (int i = 0; i < count; i++) rows[c * K + i] = c == first + i ? root / v_all(width[c]) : v_all(0.0);
+      for (int i = 0; i < count; i++) rows[c * K + i] = c == first + i ? root / v_all(job->width[c] / job->unit) : v_all(0.0);
     absorb(own, rows, count);
   }
   back_substituted(own, step);
@@ -68,7 +68,7 @@ static __attribute__((noinline)) V damped_step(const V *restrict triangle, V dam
   for (int j = 0; j < NF; j++) {
     V moved = v_all(0.0);
     for (int c = j; c < NF; c++) moved += triangle[j * NC + c] * step[c];
-    const V scaled = step[j] / v_all(width[j]);
+    const V scaled = step[j] / v_all(job->width[j] / job->unit);
     gain += v_all(0.5) * moved * moved + damping * scaled * scaled;
   }
   return gain;
@@ -81,7 +81,7 @@ INLINE V evaluated(const Job *job, const V *x, const double *shared, const doubl
   V block[NC * K], by_error[BY_ERROR + 1], squares = v_all(0.0);
   for (int j = 0; j < NF; j++) {
     V sum = v_all(0.0);
-    for (int c = 0; c < NC; c++) triangle[j * NC + c] = c < j || c == NF ? v_all(0.0) : v_all(prior[j * NF + c]);
+    for (int c = 0; c < NC; c++) triangle[j * NC + c] = c < j || c == NF ? v_all(0.0) : v_all(prior[j * NF + c] * job->unit);
     for (int c = j; c < NF; c++) sum += triangle[j * NC + c] * x[FREE[c]];
     triangle[j * NC + NF] = sum;
     squares += sum * sum;
@@ -147,7 +147,7 @@ static void fit_lanes(const Job *job, const ptrdiff_t *who, int real, const doub
     M stop = last | settled;
     const M slow = active & ~stop & (M)(damping > none);
     if (m_any(slow)) {
-      const V promised = damped_step(held, damping, job->width, damped);
+      const V promised = damped_step(held, damping, job, damped);
       for (int j = 0; j < NF; j++) step[j] = v_if(slow, damped[j], step[j]);
       stop |= slow & ~better & (M)(promised <= enough);
     }

@@ -168,12 +168,12 @@ def same(one: ManyFits, other: ManyFits, which: object = slice(None)) -> bool:
 def test_the_minimum_is_scipys(name: str, backend: str, monkeypatch: pytest.MonkeyPatch, rng) -> None:
     monkeypatch.setenv("SYMCAL_KERNELS", backend)
     case = CASES[name]()
-    q, z, sigma = measured(case, 3, 30, rng)
+    q, z, sigma = measured(case, 2, 26, rng)
     many = fit_many(case.model, q, z, sigma)
     assert many.converged.all()
     assert not set(many.free) & set(case.model.task.fix)
     index = case.model.parameters.indices(many.free)
-    for i in range(3):
+    for i in range(2):
         cost, x, jacobian = witness(case, many.free, q[i], z[i], sigma[i])
         assert many.cost[i] == pytest.approx(cost, rel=1e-10)
         covariance = np.linalg.inv(jacobian.T @ jacobian)

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from symcal.config.study import SimulationOneConfig
 from symcal.fit.identifiability import Identifiability, analyse
+from symcal.fit.many import fit_many
 from symcal.kernels import batch_function
 from symcal.model.measurement import Measurement, Setup
-from symcal.paper.batch_fit import fit_many
-from symcal.paper.repetitions import judge, measure
+from symcal.paper.repetitions import EXACT, judge, measure
 from symcal.paper.results import Gauge, Setting, StudyPlan
 from symcal.paper.setting import target_measurement
 from symcal.paper.simulation_2 import unregularised
@@ -26,7 +26,7 @@ def gauge(
     data = measure(setting, plan.poses, count, rng)
     spread = {
         "unregularised": np.array([unregularised(setting, plan.poses, z, solver) for z in data]),
-        "posterior": fit_many(model, plan.poses, data, setting.sigma).x,
+        "posterior": fit_many(model, plan.poses, data, setting.sigma, tolerances=EXACT).x,
     }
     return Gauge(
         plan=plan.name,

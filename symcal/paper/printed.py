@@ -14,9 +14,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.fit.many import fit_many
 from symcal.kernels import batch_function
 from symcal.paper import published
-from symcal.paper.batch_fit import fit_many
+from symcal.paper.repetitions import EXACT
 from symcal.paper.results import Setting
 from symcal.paper.setting import positions
 
@@ -53,7 +54,8 @@ def printed_tables(setting: Setting, poses: Array) -> Mapping[str, Printed]:
     found = {}
     for name, table in published.TABLES.items():
         x = model.parameters.vector(table)
-        reduced = fit_many(model, poses, positions(setting, poses, x)[None], setting.sigma).x[0]
+        exact = positions(setting, poses, x)[None]
+        reduced = fit_many(model, poses, exact, setting.sigma, tolerances=EXACT).x[0]
         apart = positions(setting, setting.test_poses, reduced) - positions(setting, setting.test_poses, x)
         moved = float(np.sqrt(np.mean(np.sum(apart**2, axis=1))))
         found[name] = Printed(rounding, reduced, moved, _turned(setting, x))

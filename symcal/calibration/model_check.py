@@ -12,9 +12,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import chdtr
-from scipy.stats import spearmanr
 
 from symcal.calibration.calibrate import Calibration
 from symcal.calibration.lack_of_fit import LackOfFit, lack_of_fit
@@ -260,10 +259,10 @@ class _Search:
         squares, count = score.sizes()
         seen = np.flatnonzero(count)
         reach = self.levers[seen, turning[0]]
-        sizes = chdtr(count[seen], squares[seen])
+        sizes = scipy.special.chdtr(count[seen], squares[seen])
         if len(seen) <= 3 or np.std(reach) < _STEADY * np.mean(reach) or np.ptp(sizes) == 0:
             return None
-        rank = spearmanr(reach, sizes)
+        rank = scipy.stats.spearmanr(reach, sizes)
         name = f"the distance from the axis of joint {turning[0] + 1}, in size"
         return Found("reach", name, float(rank.pvalue), float(rank.pvalue), correlation=float(rank.statistic))
 

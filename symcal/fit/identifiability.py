@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import linprog
 
 from symcal.parameters import ParameterSet
 from symcal.units import in_mrad
@@ -154,7 +154,9 @@ def sparse_basis(subspace: Array) -> list[Array]:
     free = [(None, None)] * k + [(0, None)] * n
     for j in np.flatnonzero(np.linalg.norm(subspace, axis=1) > 1e-3):
         pivot = np.concatenate([subspace[j], np.zeros(n)])[None, :]
-        solution = linprog(cost, A_ub=bound, b_ub=np.zeros(2 * n), A_eq=pivot, b_eq=[1.0], bounds=free, method="highs")
+        solution = scipy.optimize.linprog(
+            cost, A_ub=bound, b_ub=np.zeros(2 * n), A_eq=pivot, b_eq=[1.0], bounds=free, method="highs"
+        )
         if solution.status == 0:
             vector = subspace @ np.asarray(solution.x)[:k]
             candidates.append(vector / np.linalg.norm(vector))

@@ -11,18 +11,14 @@ from symcal.config import conversion as config
 from symcal.config.conversion import FileData
 from symcal.data.saved_measurements import save_measurements
 from symcal.documents.document import write_document
-from symcal.images.entries import measured_head
-from symcal.images.files import write_images
 from symcal.model.contact import constraints, touched_names
 from symcal.outputs.names import file_names
-from symcal.planning.plan_file import write_plan
 from symcal.robot.files import save_robot
 from symcal.robot.robot import Robot
-from symcal.runs.code import with_code
 from symcal.runs.experiment import Outcome, Progress, identify_experiment
 from symcal.runs.folder import require_replaceable, run_folder, write_json, write_table
 from symcal.runs.load import Experiment, named_files
-from symcal.runs.tables import tables
+from symcal.runs.tables import HEADS, tables
 
 
 def write_identification(
@@ -45,12 +41,16 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
     """
     experiment, calibration = outcome.experiment, outcome.calibration
     if experiment.file.outputs.c:
+        from symcal.runs.code import with_code
+
         progress("exporting C")
         outcome = replace(outcome, content=with_code(outcome.content, calibration.robot, folder, experiment.seed))
     write_json(folder / "results.json", outcome.content)
     save_robot(_with_provenance(outcome), folder / "calibrated.yaml")
     _save_measurements(outcome, folder)
     if outcome.planned is not None:
+        from symcal.planning.plan_file import write_plan
+
         motion = outcome.planned.motion if outcome.planned.timed else None
         poses, model = outcome.planned.plan.poses, experiment.model
         touches = touched_names(model.measurement, model.setup, poses) if constraints(model.measurement) else None
@@ -58,12 +58,9 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
     resolved = config.resolved(experiment.file, experiment.document, folder)
     write_document(folder / "experiment.resolved.yaml", resolved | {"seed": experiment.seed})
     (folder / "tables").mkdir()
-    for name, table in tables(outcome.content, calibration, outcome.data, outcome.errors).items():
-        write_table(folder / "tables" / f"{name}.csv", table)
-    if outcome.images is not None and outcome.images.images is not None:
-        write_images(outcome.images.images.camera, outcome.images.images.examples, folder)
-    if outcome.rendered is not None:
-        write_images(outcome.rendered.calibration, outcome.rendered.entry.examples, folder)
+    for name, rows in tables(outcome.content, calibration, outcome.data, outcome.errors).items():
+        write_table(folder / "tables" / f"{name}.csv", rows, HEADS.get(name))
+    _write_images(outcome, folder)
     if not (experiment.file.outputs.figures or experiment.file.outputs.report):
         return outcome
     from symcal.images.figures import example_images, image_figures
@@ -98,10 +95,27 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
     return outcome
 
 
+def _write_images(outcome: Outcome, folder: Path) -> None:
+    """The camera and some images, of rendered ones."""
+    images = None if outcome.images is None else outcome.images.images
+    if images is None and outcome.rendered is None:
+        return
+    from symcal.images.files import write_images
+
+    if images is not None:
+        write_images(images.camera, images.examples, folder)
+    if outcome.rendered is not None:
+        write_images(outcome.rendered.calibration, outcome.rendered.entry.examples, folder)
+
+
 def _save_measurements(outcome: Outcome, folder: Path) -> None:
     """One file, or one for each instrument in a folder; of images with what was not measured in the file's head."""
     data, robot = outcome.data, outcome.experiment.robot
-    heads = {entry.data.only.name: measured_head(entry.measured) for entry in outcome.measured_in}
+    heads: dict[str, tuple[str, ...]] = {}
+    if outcome.measured_in:
+        from symcal.images.entries import measured_head
+
+        heads = {entry.data.only.name: measured_head(entry.measured) for entry in outcome.measured_in}
     if len(data.of) == 1:
         save_measurements(data, robot, folder / "measurements.csv", heads.get(data.only.name, ()))
         return

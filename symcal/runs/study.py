@@ -17,7 +17,7 @@ from symcal.calibration.judgement import decide_run, decided_robot
 from symcal.config import conversion as config
 from symcal.data.saved_measurements import save_measurements
 from symcal.documents.document import write_document
-from symcal.export.corrections import corrections
+from symcal.export.corrections import COLUMNS, correction_rows
 from symcal.export.results import correction_facts, handover_facts
 from symcal.paper.content import study_content
 from symcal.paper.results import Study
@@ -121,7 +121,7 @@ def write(outcome: StudyOutcome, folder: Path, progress: Progress = lambda _: No
     tables.mkdir()
     for name, table in study_tables(study).items():
         write_table(tables / f"{name}.csv", table)
-    write_table(tables / "corrections.csv", corrections(calibrated))
+    write_table(tables / "corrections.csv", correction_rows(calibrated), COLUMNS)
     for name, plan in study.plans.items():
         write_plan(tables / f"plan_{name}.csv", robot, plan.poses, plan.motion)
         write_waypoints(tables / f"waypoints_{name}.csv", robot, plan.motion)

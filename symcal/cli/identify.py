@@ -9,13 +9,20 @@ import typer
 from rich.markup import escape
 
 from symcal.cli import terminal
-from symcal.cli.app import Experiment, Out, Quiet, Seed, Set
+from symcal.cli.app import Experiment, NoReport, Out, Quiet, Seed, Set
 from symcal.errors import RefusedError
 
 
-def run(experiment: Experiment, out: Out = None, seed: Seed = None, set_: Set = None, quiet: Quiet = False) -> None:
+def run(
+    experiment: Experiment,
+    out: Out = None,
+    seed: Seed = None,
+    set_: Set = None,
+    no_report: NoReport = False,
+    quiet: Quiet = False,
+) -> None:
     """Run an experiment: measure or simulate, identify, evaluate, report."""
-    _identify(experiment, None, out, seed, set_, quiet)
+    _identify(experiment, None, out, seed, _outputs(set_, no_report), quiet)
 
 
 def identify(
@@ -26,10 +33,11 @@ def identify(
     out: Out = None,
     seed: Seed = None,
     set_: Set = None,
+    no_report: NoReport = False,
     quiet: Quiet = False,
 ) -> None:
     """Identify a robot from measurements."""
-    _identify(experiment, data, out, seed, set_, quiet, study=False)
+    _identify(experiment, data, out, seed, _outputs(set_, no_report), quiet, study=False)
 
 
 def validate(
@@ -89,12 +97,17 @@ def check(
     terminal.print_check(found, data)
 
 
+def _outputs(overrides: list[str] | None, no_report: bool) -> list[str]:
+    """What is set on the command line; without a report also its keys of the file."""
+    return [*(overrides or ()), *(("outputs.figures=false", "outputs.report=false") if no_report else ())]
+
+
 def _identify(
     experiment: Path,
     data: Path | None,
     out: Path | None,
     seed: int | None,
-    overrides: list[str] | None,
+    overrides: list[str],
     quiet: bool,
     *,
     study: bool = True,
@@ -103,7 +116,7 @@ def _identify(
 
     with terminal.spinner(quiet) as progress:
         folder, content = run_experiment(
-            experiment, out, seed=seed, overrides=overrides or (), data=data, study=study, progress=progress
+            experiment, out, seed=seed, overrides=overrides, data=data, study=study, progress=progress
         )
     if not quiet:
         if "simulation_2" in content:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from symcal.config import conversion as config
 from symcal.config.conversion import FileData
@@ -19,6 +19,9 @@ from symcal.runs.experiment import Outcome, Progress, identify_experiment
 from symcal.runs.folder import require_replaceable, run_folder, write_json, write_table
 from symcal.runs.load import Experiment, named_files
 from symcal.runs.tables import HEADS, tables
+
+if TYPE_CHECKING:
+    from symcal.plots.style import Drawing
 
 
 def write_identification(
@@ -63,36 +66,45 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
     _write_images(outcome, folder)
     if not (experiment.file.outputs.figures or experiment.file.outputs.report):
         return outcome
-    from symcal.images.figures import example_images, image_figures
-    from symcal.plots import identification_figures
-    from symcal.plots.extension import beyond_geometry
-    from symcal.plots.halves import halves_map
-    from symcal.plots.handover import handover_figures
-    from symcal.plots.save import save_figures
+    from symcal.plots.save import draw
     from symcal.report import write_report
 
     progress("drawing")
-    against, check = outcome.content["against"], outcome.check
-    tolerance = config.tolerance_of(experiment.file)
-    illustrations = identification_figures(calibration, outcome.data, outcome.errors, against, check, tolerance)
-    if outcome.content.get("extension"):
-        illustrations += (beyond_geometry(outcome.content["extension"]),)
-    if outcome.halves is not None:
-        halves = outcome.halves
-        what = f"two halves of the training poses, {halves.division.said} and identified apart,"
-        illustrations += (halves_map(halves.apart, what, "Two halves"),)
-    if outcome.handover is not None:
-        illustrations += handover_figures(outcome.handover)
-    if outcome.images is not None:
-        illustrations += image_figures(outcome.images)
-    examples = [example for entry in outcome.measured_in for example in entry.examples]
-    if examples:
-        illustrations += (example_images(examples),)
-    pictures = save_figures(illustrations, folder / "figures")
+    pictures = draw(_drawings(outcome), folder / "figures")
     if experiment.file.outputs.report:
         progress("writing the report")
         write_report(outcome.content, pictures, folder / "report.pdf")
     return outcome
+
+
+def _drawings(outcome: Outcome) -> tuple[Drawing, ...]:
+    """The figures of the run's report, in its order."""
+    from symcal.images.figures import example_images, image_figures
+    from symcal.plots.extension import beyond_geometry
+    from symcal.plots.halves import halves_map
+    from symcal.plots.handover import handover_drawings
+    from symcal.plots.identification import identification_drawings
+    from symcal.plots.style import drawing
+
+    content, own = outcome.content, (outcome.calibration, outcome.data, outcome.errors)
+    drawings = identification_drawings(
+        *own, content["against"], outcome.check, config.tolerance_of(outcome.experiment.file)
+    )
+    if content.get("extension"):
+        drawings += (drawing(beyond_geometry, content["extension"]),)
+    if outcome.halves is not None:
+        halves = outcome.halves
+        what = f"two halves of the training poses, {halves.division.said} and identified apart,"
+        drawings += (drawing(halves_map, halves.apart, what, "Two halves"),)
+    if outcome.handover is not None:
+        drawings += handover_drawings(outcome.handover)
+    images = outcome.images
+    if images is not None:
+        drawings += (lambda: image_figures(images),)
+    examples = [example for entry in outcome.measured_in for example in entry.examples]
+    if examples:
+        drawings += (drawing(example_images, examples),)
+    return drawings
 
 
 def _write_images(outcome: Outcome, folder: Path) -> None:

@@ -125,12 +125,12 @@ def write(outcome: PlanOutcome, folder: Path, progress: Progress) -> None:
         _write_choice(outcome, folder / "tables" / "candidates.csv")
     if not (experiment.file.outputs.figures or experiment.file.outputs.report):
         return
-    from symcal.plots.plan import plan_figures
-    from symcal.plots.save import save_figures
+    from symcal.plots.plan import plan_drawings
+    from symcal.plots.save import draw
     from symcal.report import write_report
 
     progress("drawing")
-    pictures = save_figures(plan_figures(found), folder / "figures")
+    pictures = draw(plan_drawings(found), folder / "figures")
     if experiment.file.outputs.report:
         progress("writing the report")
         write_report(outcome.content, pictures, folder / "report.pdf", "plan")

@@ -127,13 +127,13 @@ def write(outcome: StudyOutcome, folder: Path, progress: Progress = lambda _: No
         write_waypoints(tables / f"waypoints_{name}.csv", robot, plan.motion)
     if not (experiment.file.outputs.figures or experiment.file.outputs.report):
         return outcome
-    from symcal.paper.plots import study_figures
+    from symcal.paper.plots import study_drawings
     from symcal.paper.report import write_paper_report
-    from symcal.plots.handover import handover_figures
-    from symcal.plots.save import save_figures
+    from symcal.plots.handover import handover_drawings
+    from symcal.plots.save import draw
 
     progress("drawing")
-    pictures = save_figures((*study_figures(study), *handover_figures(outcome.handover)), folder / "figures")
+    pictures = draw((*study_drawings(study), *handover_drawings(outcome.handover)), folder / "figures")
     if experiment.file.outputs.report:
         progress("writing the report")
         write_paper_report(outcome.content, pictures, folder / "report.pdf")

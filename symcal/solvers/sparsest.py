@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -23,7 +24,7 @@ def least_one_norms(subspace: Array, places: NDArray[np.intp]) -> Iterator[Array
     n, k = subspace.shape
     program = np.vstack([np.block([[subspace, -np.eye(n)], [-subspace, -np.eye(n)]]), np.zeros(k + n)])
     shapes = {"h": ca.Sparsity(k + n, k + n), "a": ca.Sparsity.dense(*program.shape)}
-    quiet = {"error_on_fail": False, "highs": {"output_flag": False}}
+    quiet: dict[str, Any] = {"error_on_fail": False, "highs": {"output_flag": False}}
     solve = ca.conic("one_norm", "highs", shapes, quiet)
     fixed = {
         "g": np.concatenate([np.zeros(k), np.ones(n)]),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from symcal.calibration.evaluate import Errors
 from symcal.data.dataset import Dataset
+from symcal.fit.rank_tests import larger
 from symcal.words import plural
 
 Array = NDArray[np.float64]
@@ -189,9 +190,7 @@ def extrapolation(data: Dataset) -> tuple[str, ...]:
     tree = scipy.spatial.cKDTree(train @ axes)
     own: Array = np.asarray(tree.query(train @ axes, k=2)[0], dtype=np.float64)[:, 1]
     others: Array = np.asarray(tree.query(test @ axes)[0], dtype=np.float64)
-    from scipy.stats import mannwhitneyu  # a second of start-up that few need
-
-    if mannwhitneyu(others, own, alternative="greater").pvalue >= _UNLIKE:
+    if larger(others, own) >= _UNLIKE:
         return ()
     return (
         f"the held-out poses combine the joints in other ways than the training poses (nearest training pose "

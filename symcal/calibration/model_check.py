@@ -22,6 +22,7 @@ from symcal.data.dataset import Dataset
 from symcal.fit.difference import holm
 from symcal.fit.estimation import Fit, Options, variance_model
 from symcal.fit.pose_rows import PoseRows, pose_rows
+from symcal.fit.rank_tests import rank_correlation
 from symcal.fit.residual_rows import rows_of
 from symcal.fit.score import Score, score_of
 from symcal.fit.variances import VarianceModel
@@ -262,9 +263,9 @@ class _Search:
         sizes = scipy.special.chdtr(count[seen], squares[seen])
         if len(seen) <= 3 or np.std(reach) < _STEADY * np.mean(reach) or np.ptp(sizes) == 0:
             return None
-        rank = scipy.stats.spearmanr(reach, sizes)
+        correlation, p = rank_correlation(reach, sizes)
         name = f"the distance from the axis of joint {turning[0] + 1}, in size"
-        return Found("reach", name, float(rank.pvalue), float(rank.pvalue), correlation=float(rank.statistic))
+        return Found("reach", name, p, p, correlation=correlation)
 
     @property
     def _groups(self) -> Sequence[Group]:

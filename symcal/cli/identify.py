@@ -6,9 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.markup import escape
 
-from symcal.cli import terminal
 from symcal.cli.app import Experiment, NoReport, Out, Quiet, Seed, Set
 from symcal.errors import RefusedError
 
@@ -60,7 +58,10 @@ def validate(
     quiet: Quiet = False,
 ) -> None:
     """Judge a calibrated robot on new measurements: accept or refuse it."""
+    from rich.markup import escape
+
     from symcal.calibration.tolerance import parse_tolerance
+    from symcal.cli import terminal
     from symcal.runs.validate import validate_robot
 
     against = None if tolerance is None else parse_tolerance(tolerance, of)
@@ -81,6 +82,7 @@ def check(
     file: Annotated[Path, typer.Argument(metavar="FILE.yaml", help="robot, calibrated robot or experiment")],
 ) -> None:
     """Validate a file; print the model and what is identifiable."""
+    from symcal.cli import terminal
     from symcal.documents.document import read_document
     from symcal.robot.files import load_robot
     from symcal.runs.check import check_model, check_robot
@@ -112,6 +114,9 @@ def _identify(
     *,
     study: bool = True,
 ) -> None:
+    from rich.markup import escape
+
+    from symcal.cli import terminal
     from symcal.runs.run import run as run_experiment
 
     with terminal.spinner(quiet) as progress:

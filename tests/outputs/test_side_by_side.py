@@ -64,7 +64,7 @@ def test_what_a_killed_copy_had_taken_is_done_again() -> None:
 @forks
 def test_the_copy_prints_nothing_and_leaves_no_files_open(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     before = len(list(Path("/proc/self/fd").iterdir()))
-    print("once", end="")  # noqa: T201; not flushed when the copy is made
+    print("once", end="")  # noqa: T201
     side_by_side([partial((tmp_path / str(i)).write_text, str(i)) for i in range(8)])
     assert sorted(path.name for path in tmp_path.iterdir()) == [str(i) for i in range(8)]
     assert len(list(Path("/proc/self/fd").iterdir())) == before

@@ -84,12 +84,14 @@ def check(
     """Validate a file; print the model and what is identifiable."""
     from symcal.cli import terminal
     from symcal.documents.document import read_document
+
+    document = read_document(file)  # what is no YAML is refused before anything else is loaded
     from symcal.robot.files import load_robot
     from symcal.runs.check import check_model, check_robot
     from symcal.runs.data import describe_data
     from symcal.runs.load import load
 
-    if "links" in read_document(file).data:
+    if "links" in document.data:
         robot = load_robot(file)
         found, data = check_robot(robot), tuple[str, ...]()
     else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import pickle
 import signal
@@ -12,6 +13,7 @@ from typing import NoReturn, TypeVar
 
 Result = TypeVar("Result")
 
+_DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of Linux
 _MOST = 256  # pieces: their numbers are handed out as bytes
 
 
@@ -69,10 +71,10 @@ def _answer(work: Sequence[Callable[[], Result]], turns: int, answering: int, pa
     done: dict[int, Result] = {}
     try:
         try:
-            for i in _taken(turns):
-                if os.getppid() != parent:  # which was killed: nobody wants the rest
-                    break
-                done[i] = work[i]()
+            ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)  # with its locks, so that what it left is mended
+            if os.getppid() == parent:
+                for i in _taken(turns):
+                    done[i] = work[i]()
         finally:
             with os.fdopen(answering, "wb") as stream:
                 stream.write(pickle.dumps(done))

@@ -69,3 +69,35 @@ def test_the_copy_prints_nothing_and_leaves_no_files_open(capfd: pytest.CaptureF
     assert sorted(path.name for path in tmp_path.iterdir()) == [str(i) for i in range(8)]
     assert len(list(Path("/proc/self/fd").iterdir())) == before
     assert capfd.readouterr().out == "once"
+
+
+@forks
+def test_the_copy_dies_with_a_killed_parent(tmp_path: Path) -> None:
+    """So that the locks of a killed run, which a copy has too, are free at once."""
+    first = os.fork()
+    if first == 0:
+        here = os.getpid()
+
+        def piece() -> None:
+            if os.getpid() == here:
+                time.sleep(0.5)
+                os.kill(here, signal.SIGKILL)
+            (tmp_path / "copy").write_text(str(os.getpid()))
+            time.sleep(60)
+
+        side_by_side([piece, piece])
+        os._exit(0)
+    os.waitpid(first, 0)
+    copy = int((tmp_path / "copy").read_text())
+    for _ in range(200):
+        if not _runs(copy):
+            return
+        time.sleep(0.05)
+    pytest.fail("the copy lives on")
+
+
+def _runs(process: int) -> bool:
+    try:
+        return "State:\tZ" not in Path(f"/proc/{process}/status").read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return False

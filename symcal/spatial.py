@@ -2,14 +2,13 @@
 
 The symbolic half takes and gives CasADi SX and is smooth where it is used: the exponential at the zero vector, the
 logarithm at the identity and at half a turn are guarded at the point itself. The numeric half serves the edge (files,
-closed-form registration) and leaves rotation formats to SciPy.
+closed-form registration) and is its own: SciPy's takes a tenth of a second to load.
 
 Frames: `T_a_b` is the pose of b in a, shape (4, 4), translation in mm.
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from itertools import permutations, product
 from typing import Any
@@ -17,7 +16,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from symcal.errors import InputError
 
@@ -26,6 +24,7 @@ Array = NDArray[np.float64]
 
 _TINY = 1e-8  # squared angle below which the series is exact to rounding (next term: 1e-8**2 / 120)
 _ROUNDING = 2.0**-51  # of a sine or cosine at a multiple of 90 deg: sin(pi) and cos(3/2 pi) in double are below it
+_GIMBAL_LOCK = 1e-7  # cosine of pitch below which roll and yaw are one angle
 
 
 def _exact(value: Any) -> SX:
@@ -151,20 +150,76 @@ def inverse(t: Array) -> Array:
 
 def rpy_matrix(rpy: Array) -> Array:
     """R = Rz(yaw) Ry(pitch) Rx(roll), URDF's convention; rpy (..., 3) in rad; shape (..., 3, 3)."""
-    return np.asarray(Rotation.from_euler("xyz", rpy).as_matrix(), dtype=np.float64)
+    rpy = np.asarray(rpy, dtype=np.float64)
+    (sr, sp, sy), (cr, cp, cy) = (np.moveaxis(f(rpy), -1, 0) for f in (np.sin, np.cos))
+    rows = [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
 def matrix_rpy(matrix: Array) -> Array:
     """Roll, pitch, yaw (rad), shape (3,), of a rotation matrix; in gimbal lock yaw is set to zero."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Gimbal lock")  # the third angle is free there: SciPy's zero is ours
-        return np.asarray(Rotation.from_matrix(matrix).as_euler("xyz"), dtype=np.float64)
+    level = np.hypot(matrix[0, 0], matrix[1, 0])
+    pitch = np.arctan2(-matrix[2, 0], level)
+    if level < _GIMBAL_LOCK:
+        return np.array([np.arctan2(-matrix[1, 2], matrix[1, 1]), pitch, 0.0])
+    return np.array([np.arctan2(matrix[2, 1], matrix[2, 2]), pitch, np.arctan2(matrix[1, 0], matrix[0, 0])])
+
+
+def vector_matrix(vector: Array) -> Array:
+    """Rotation matrices, shape (..., 3, 3), of rotation vectors (..., 3), rad: through the quaternion."""
+    vector = np.asarray(vector, dtype=np.float64)
+    half = np.linalg.norm(vector, axis=-1, keepdims=True) / 2
+    axis = vector * np.sinc(half / np.pi) / 2  # sin(half) / half, one at zero
+    return quaternion_matrices(np.concatenate([axis, np.cos(half)], axis=-1))
+
+
+def quaternion_matrices(quaternion: Array) -> Array:
+    """Rotation matrices, shape (..., 3, 3), of quaternions (x, y, z, w), shape (..., 4), of any length but zero."""
+    q = np.asarray(quaternion, dtype=np.float64)
+    x, y, z, w = np.moveaxis(q / np.linalg.norm(q, axis=-1, keepdims=True), -1, 0)
+    rows = [
+        [x * x - y * y - z * z + w * w, 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), y * y - x * x - z * z + w * w, 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), z * z - x * x - y * y + w * w],
+    ]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+
+
+def matrix_quaternions(matrix: Array) -> Array:
+    """Quaternions (x, y, z, w), shape (..., 4), of rotation matrices (..., 3, 3); the scalar part is never negative.
+
+    Every column of 4 q q^T, which is linear in the matrix, is q times a component: the one of the largest is taken.
+    """
+    m = np.asarray(matrix, dtype=np.float64)
+    trace = m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2]
+    square = np.empty((*m.shape[:-2], 4, 4))
+    square[..., :3, :3] = m + np.swapaxes(m, -1, -2)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        square[..., i, i] = 1 + 2 * m[..., i, i] - trace
+        square[..., i, 3] = square[..., 3, i] = m[..., k, j] - m[..., j, k]
+    square[..., 3, 3] = 1 + trace
+    largest = np.argmax(np.diagonal(square, axis1=-2, axis2=-1), axis=-1)
+    q = np.take_along_axis(square, largest[..., None, None], axis=-2)[..., 0, :]
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return np.asarray(np.where(_leading(q)[..., None] < 0, -q, q))
+
+
+def _leading(q: Array) -> Array:
+    """The scalar part of quaternions, or at half a turn the first component that is not zero, shape (...)."""
+    ordered = q[..., [3, 0, 1, 2]]
+    first = np.argmax(ordered != 0, axis=-1)
+    return np.asarray(np.take_along_axis(ordered, first[..., None], axis=-1)[..., 0])
 
 
 def pose_matrix(pose: Array) -> Array:
     """T, shape (..., 4, 4), of poses (x, y, z, qx, qy, qz, qw), shape (..., 7), mm."""
     t = np.zeros((*pose.shape[:-1], 4, 4))
-    t[..., :3, :3] = Rotation.from_quat(pose[..., 3:]).as_matrix()
+    t[..., :3, :3] = quaternion_matrices(pose[..., 3:])
     t[..., :3, 3] = pose[..., :3]
     t[..., 3, 3] = 1.0
     return t
@@ -172,8 +227,7 @@ def pose_matrix(pose: Array) -> Array:
 
 def matrix_pose(t: Array) -> Array:
     """Poses (x, y, z, qx, qy, qz, qw), shape (..., 7), mm, of T (..., 4, 4); the scalar part is never negative."""
-    quaternion = Rotation.from_matrix(t[..., :3, :3]).as_quat(canonical=True)
-    return np.concatenate([t[..., :3, 3], quaternion], axis=-1)
+    return np.concatenate([t[..., :3, 3], matrix_quaternions(t[..., :3, :3])], axis=-1)
 
 
 def signed_permutations() -> Iterator[tuple[tuple[int, ...], tuple[float, ...], Array]]:

@@ -10,12 +10,14 @@ from cases import ARM, TRIANGLE, anywhere, front_half, handling
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import null_space, subspace_angles
+from scipy.optimize import linprog
 
 from symcal.fit.identifiability import Identifiability, analyse, decompose, numerical_rank, sparse_basis
 from symcal.model.model import build_model
 from symcal.model.task import Task
 from symcal.parameters import Parameter, ParameterSet
 from symcal.robot.robot import Robot
+from symcal.solvers.sparsest import least_one_norms
 
 RNG = np.random.default_rng(8)
 
@@ -178,3 +180,27 @@ def test_three_parameters_make_a_sentence_of_three() -> None:
         "theta_1, d_2 and d_3 can be changed together unseen: +500 mrad of theta_1 with -1 mm of d_2 with +1 mm of d_3 "
         "changes nothing that was measured"
     )
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_vectors_of_least_one_norm_are_those_of_scipy(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    n, k = 14, int(rng.integers(1, 5))
+    few = np.zeros((n, k))
+    for column in few.T:
+        column[rng.choice(n, 3, replace=False)] = rng.normal(size=3)
+    subspace = np.linalg.qr(few @ rng.normal(size=(k, k)))[0]
+    places = np.flatnonzero(np.linalg.norm(subspace, axis=1) > 1e-3)
+    bound = np.block([[subspace, -np.eye(n)], [-subspace, -np.eye(n)]])
+    for j, found in zip(places, least_one_norms(subspace, places), strict=True):
+        witness = linprog(
+            np.append(np.zeros(k), np.ones(n)),
+            A_ub=bound,
+            b_ub=np.zeros(2 * n),
+            A_eq=np.append(subspace[j], np.zeros(n))[None],
+            b_eq=[1.0],
+            bounds=[(None, None)] * k + [(0, None)] * n,
+        )
+        assert found[j] == pytest.approx(1.0)
+        assert np.abs(found).sum() == pytest.approx(witness.fun, abs=1e-9)
+        np.testing.assert_allclose(subspace @ (subspace.T @ found), found, atol=1e-12)

@@ -9,7 +9,8 @@ import pytest
 
 from symcal.config.plan import PlanConfig
 from symcal.errors import InputError, RefusedError
-from symcal.planning.plan_problem import PlanProblem, nominal_noise, plan_problem
+from symcal.planning.nominal_noise import nominal_noise
+from symcal.planning.plan_problem import PlanProblem, plan_problem
 from symcal.runs.load import load
 
 BOX = {"name": "press", "xyz": [0, 700, 1100], "size": [300, 300, 300]}

@@ -174,3 +174,38 @@ def test_poses_round_trip_and_invert(rng, shape):
 def test_transform_composes_rotation_and_translation():
     matrix = spatial.transform(spatial.rpy_matrix(np.array([0, 0, np.pi / 2])), np.array([1.0, 2.0, 3.0]))
     np.testing.assert_allclose(matrix @ [10, 0, 0, 1], [1, 12, 3, 1], atol=1e-14)
+
+
+_ROTATIONS = Rotation.concatenate(
+    [
+        Rotation.random(200, rng=5),
+        Rotation.identity(),
+        Rotation.from_rotvec(np.pi * np.vstack([np.eye(3), [0.6, -0.8, 0.0], [0.0, -0.6, 0.8]])),
+        Rotation.from_rotvec([[1e-9, 2e-9, -1e-12], [3.1415926, 1e-7, 0.0]]),
+    ]
+)
+
+
+def test_numeric_formats_are_those_of_scipy() -> None:
+    matrices, quaternions = _ROTATIONS.as_matrix(), _ROTATIONS.as_quat()
+    np.testing.assert_allclose(spatial.quaternion_matrices(-3.0 * quaternions), matrices, atol=1e-15)
+    np.testing.assert_allclose(spatial.vector_matrix(_ROTATIONS.as_rotvec()), matrices, atol=2e-15)
+    assert np.array_equal(spatial.vector_matrix(np.zeros(3)), np.eye(3))
+    found = spatial.matrix_quaternions(matrices)
+    np.testing.assert_allclose(np.abs(np.sum(found * quaternions, axis=1)), 1.0, atol=1e-15)
+    np.testing.assert_allclose(spatial.quaternion_matrices(found), matrices, atol=2e-15)
+    assert (found[:, 3] >= 0).all()
+    angles = np.random.default_rng(3).uniform(-np.pi, np.pi, (4, 5, 3))
+    witness = Rotation.from_euler("xyz", angles.reshape(-1, 3)).as_matrix().reshape(4, 5, 3, 3)
+    np.testing.assert_allclose(spatial.rpy_matrix(angles), witness, atol=1e-15)
+
+
+@pytest.mark.parametrize("pitch", [0.3, -1.2, np.pi / 2, -np.pi / 2])
+def test_roll_pitch_yaw_come_back(pitch: float) -> None:
+    matrix = spatial.rpy_matrix(np.array([0.7, pitch, -2.1]))
+    found = spatial.matrix_rpy(matrix)
+    np.testing.assert_allclose(spatial.rpy_matrix(found), matrix, atol=1e-12)
+    if abs(pitch) < 1.5:
+        np.testing.assert_allclose(found, [0.7, pitch, -2.1], atol=1e-14)
+    else:
+        assert found[2] == 0.0

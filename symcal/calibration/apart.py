@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
-from scipy.special import chdtri
 
 from symcal.calibration.evaluate import without_rigid_motion
 from symcal.fit.difference import Difference, Tested, at_least_one
@@ -146,7 +145,7 @@ class Region:
             self._in_base(first, second),
             np.sqrt(np.sum(points**2, axis=(1, 2)) / count),
             np.sqrt(np.maximum(np.trace(here, axis1=1, axis2=2), 0.0) / count),
-            float(np.mean(squares <= chdtri(np.maximum(told.sum(axis=1), 1), 1 - WITHIN))),
+            float(np.mean(squares <= scipy.special.chdtri(np.maximum(told.sum(axis=1), 1), 1 - WITHIN))),
         )
 
     def _in_base(self, first: Array, second: Array) -> Array:
@@ -163,7 +162,7 @@ class Region:
         if self.turns is None:
             return points, None
         frames = [self.model.flange(self.q, x, self.setup.vector[:24])[0][:, :3, :3] for x in (first, second)]
-        turns = Rotation.from_matrix(frames[0] @ frames[1].swapaxes(-1, -2))
+        turns = scipy.spatial.transform.Rotation.from_matrix(frames[0] @ frames[1].swapaxes(-1, -2))
         if self.aligned:
             turns = turns * turns.mean().inv()
         return points, np.asarray(turns.as_rotvec())

@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from symcal.calibration.evaluate import Errors
 from symcal.data.dataset import Dataset
+from symcal.fit.rank_tests import larger
 from symcal.words import plural
 
 Array = NDArray[np.float64]
@@ -186,12 +187,10 @@ def extrapolation(data: Dataset) -> tuple[str, ...]:
     _, s, vt = np.linalg.svd(train - train.mean(axis=0), full_matrices=False)
     moved = s > 1e-9 * s[0]
     axes = vt[moved].T / s[moved] * np.sqrt(len(train) - 1)
-    tree = cKDTree(train @ axes)
+    tree = scipy.spatial.cKDTree(train @ axes)
     own: Array = np.asarray(tree.query(train @ axes, k=2)[0], dtype=np.float64)[:, 1]
     others: Array = np.asarray(tree.query(test @ axes)[0], dtype=np.float64)
-    from scipy.stats import mannwhitneyu  # a second of start-up that few need
-
-    if mannwhitneyu(others, own, alternative="greater").pvalue >= _UNLIKE:
+    if larger(others, own) >= _UNLIKE:
         return ()
     return (
         f"the held-out poses combine the joints in other ways than the training poses (nearest training pose "

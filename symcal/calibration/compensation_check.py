@@ -13,8 +13,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from symcal import spatial
 from symcal.calibration.evaluate import Errors
@@ -114,5 +114,5 @@ def _errors(reached: Array, meant: Array) -> Errors:
     """Errors between poses (N, 4, 4): where the tool is less where it was meant to be."""
     count = np.arange(len(meant))
     turn = (spatial.inverse(meant) @ reached)[:, :3, :3]
-    rotations = Rotation.from_matrix(turn).as_rotvec()
+    rotations = scipy.spatial.transform.Rotation.from_matrix(turn).as_rotvec()
     return Errors(reached[:, :3, 3] - meant[:, :3, 3], count, np.zeros_like(count), rotations)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import chi2
+import scipy
 
 from symcal.calibration.calibrate import Calibration
 from symcal.calibration.outliers import Outlier, where_read
@@ -39,7 +39,7 @@ def held_out_outliers(calibration: Calibration, test: Dataset) -> tuple[Outlier,
         there = size > 0
         if there.sum() < _FEWEST:
             continue
-        typical = float(np.median(norms[there] / np.sqrt(chi2.ppf(0.5, size[there]))))
+        typical = float(np.median(norms[there] / np.sqrt(2 * scipy.special.gammaincinv(size[there] / 2, 0.5))))
         sigma = max(typical, float(after.sigmas.get(group.name, 0.0)), group.floor)
         for i, k in sorted(zip(*np.nonzero(there & (norms > _FAR * sigma)), strict=True), key=lambda at: -norms[at]):
             part, point, _ = where_read(model, group, int(k))

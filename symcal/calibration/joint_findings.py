@@ -12,8 +12,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from symcal.calibration.calibrate import Calibration
 from symcal.calibration.extension import JointFinding, SharedFinding
@@ -68,7 +68,7 @@ def _finding(
     information = _information(covariance, prior)
     inverse = np.linalg.solve(covariance, errors)
     statistic = float(inverse @ np.linalg.pinv(information, hermitian=True, rcond=1e-9) @ inverse)
-    p = float(chi2.sf(statistic, len(names)))
+    p = float(scipy.special.chdtrc(len(names), statistic))
     if plausible is None:
         size = np.maximum(size, prior)  # as plausible as the data say
     else:
@@ -77,7 +77,9 @@ def _finding(
     waves: dict[str, Any] = {}
     if [name.rpartition("_")[0].rpartition("_")[2] for name in names] == ["sin", "cos"]:
         weakest = float(np.max(size / np.sqrt(np.maximum(strength, 1e-30))))
-        waves = _wave(values, covariance) | {"smallest": weakest * float(np.sqrt(chi2.isf(LEVEL / joints, 2)))}
+        waves = _wave(values, covariance) | {
+            "smallest": weakest * float(np.sqrt(scipy.special.chdtri(2, LEVEL / joints)))
+        }
     return JointFinding(
         joint=joint,
         name=robot.joints[joint - 1].name,

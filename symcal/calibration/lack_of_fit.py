@@ -7,11 +7,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
-from scipy.special import chdtrc, fdtrc
 
 from symcal.fit.estimation import Fit
 from symcal.fit.score import Score
@@ -60,7 +57,11 @@ def lack_of_fit(fit: Fit, score: Score | None, groups: tuple[str, ...], q: Array
         own = []
         squares, dof = fit.by_group.get(name, (0.0, 0.0))
         if name not in fit.estimated and dof > 1:
-            own.append(LackOfFit(name, "stated noise", float(np.sqrt(squares / dof)), float(chdtrc(dof, squares)), dof))
+            own.append(
+                LackOfFit(
+                    name, "stated noise", float(np.sqrt(squares / dof)), float(scipy.special.chdtrc(dof, squares)), dof
+                )
+            )
         if score is not None:
             own += _against_repeats(name, number, score, same)
         found += own or [LackOfFit(name, None)]
@@ -69,9 +70,9 @@ def lack_of_fit(fit: Fit, score: Score | None, groups: tuple[str, ...], q: Array
 
 def postures(q: Array) -> NDArray[np.intp]:
     """Which poses are one posture: a number of each, shape (N,)."""
-    pairs = cKDTree(q).query_pairs(ONE_POSTURE, p=np.inf, output_type="ndarray").reshape(-1, 2)
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(q), len(q)))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.intp)
+    pairs = scipy.spatial.cKDTree(q).query_pairs(ONE_POSTURE, p=np.inf, output_type="ndarray").reshape(-1, 2)
+    graph = scipy.sparse.coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(q), len(q)))
+    return np.asarray(scipy.sparse.csgraph.connected_components(graph, directed=False)[1], dtype=np.intp)
 
 
 def _against_repeats(name: str, number: int, score: Score, same: NDArray[np.intp]) -> Iterator[LackOfFit]:
@@ -93,4 +94,6 @@ def _against_repeats(name: str, number: int, score: Score, same: NDArray[np.intp
     if repeated < _FEWEST or dof < 1 or pure <= 0:
         return
     ratio = max(rest, 0.0) / dof / (pure / repeated)
-    yield LackOfFit(name, "repeatability", float(np.sqrt(ratio)), float(fdtrc(dof, repeated, ratio)), dof, repeated)
+    yield LackOfFit(
+        name, "repeatability", float(np.sqrt(ratio)), float(scipy.special.fdtrc(dof, repeated, ratio)), dof, repeated
+    )

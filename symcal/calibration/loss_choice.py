@@ -17,8 +17,8 @@ from dataclasses import replace as changed
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from symcal.calibration.outliers import outliers
 from symcal.data.dataset import Dataset
@@ -166,6 +166,6 @@ def _estimate(loss: Loss, given: list[Pile], white: list[Array], kept: list[NDAr
             for rows, w, own in zip(white, weights, kept, strict=True)
         ]
         triangle: Array = np.asarray(np.linalg.qr(np.vstack([*parts, known]), mode="r"), dtype=np.float64)
-        y = -solve_triangular(triangle[: len(y), : len(y)], triangle[: len(y), len(y)])
+        y = -scipy.linalg.solve_triangular(triangle[: len(y), : len(y)], triangle[: len(y), len(y)])
         last = weights
     return y

@@ -12,9 +12,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import chdtr
-from scipy.stats import spearmanr
 
 from symcal.calibration.calibrate import Calibration
 from symcal.calibration.lack_of_fit import LackOfFit, lack_of_fit
@@ -23,6 +22,7 @@ from symcal.data.dataset import Dataset
 from symcal.fit.difference import holm
 from symcal.fit.estimation import Fit, Options, variance_model
 from symcal.fit.pose_rows import PoseRows, pose_rows
+from symcal.fit.rank_tests import rank_correlation
 from symcal.fit.residual_rows import rows_of
 from symcal.fit.score import Score, score_of
 from symcal.fit.variances import VarianceModel
@@ -260,12 +260,12 @@ class _Search:
         squares, count = score.sizes()
         seen = np.flatnonzero(count)
         reach = self.levers[seen, turning[0]]
-        sizes = chdtr(count[seen], squares[seen])
+        sizes = scipy.special.chdtr(count[seen], squares[seen])
         if len(seen) <= 3 or np.std(reach) < _STEADY * np.mean(reach) or np.ptp(sizes) == 0:
             return None
-        rank = spearmanr(reach, sizes)
+        correlation, p = rank_correlation(reach, sizes)
         name = f"the distance from the axis of joint {turning[0] + 1}, in size"
-        return Found("reach", name, float(rank.pvalue), float(rank.pvalue), correlation=float(rank.statistic))
+        return Found("reach", name, p, p, correlation=correlation)
 
     @property
     def _groups(self) -> Sequence[Group]:

@@ -32,8 +32,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import fdtrc, stdtr, stdtrit
 
 from symcal.fit.difference import holm
 from symcal.fit.posterior import MOST_DOF
@@ -122,12 +122,12 @@ def difference(a: Estimate, b: Estimate, blind: Array | None = None) -> Differen
         statistic = float(np.sum(np.linalg.solve(inner, basis.T @ values) ** 2))
         shares = [np.sum(_half(inner, basis, part)) / k for part in (noise_a, noise_b)]
         dof = float(_satterthwaite(shares[0], shares[1], a.dof, b.dof))
-        p = float(fdtrc(k, dof, statistic / k))
+        p = float(scipy.special.fdtrc(k, dof, statistic / k))
     variance = np.diag(covariance)
     with np.errstate(invalid="ignore", divide="ignore"):
         parts = [np.nan_to_num(np.diag(part) / variance) for part in (noise_a, noise_b)]
         own_dof = _satterthwaite(parts[0], parts[1], a.dof, b.dof)
-        each = 2 * stdtr(own_dof, -np.abs(values) / np.sqrt(variance))
+        each = 2 * scipy.special.stdtr(own_dof, -np.abs(values) / np.sqrt(variance))
     each = np.where((told >= MOSTLY) & (variance > 0), each, np.nan)
     return Difference(
         values=values * scale,
@@ -139,7 +139,7 @@ def difference(a: Estimate, b: Estimate, blind: Array | None = None) -> Differen
         each=each,
         adjusted=holm(each),
         dof=dof,
-        half_widths=np.asarray(stdtrit(own_dof, 0.975) * np.sqrt(variance) * scale),
+        half_widths=np.asarray(scipy.special.stdtrit(own_dof, 0.975) * np.sqrt(variance) * scale),
     )
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
@@ -104,7 +104,7 @@ def _turned(data: Dataset, part: Part, r: Array, who: str) -> list[str]:
         return []
     seen = part.seen(data.z).all(axis=1)
     turns = r[seen][:, part.components][:, 3:]
-    first, *rest = Rotation.from_quat(data.z[seen][:, part.readings][:, 3:])
+    first, *rest = scipy.spatial.transform.Rotation.from_quat(data.z[seen][:, part.readings][:, 3:])
     spread = float(np.sqrt(np.mean([(first.inv() * each).magnitude() ** 2 for each in rest]))) if rest else 0.0
     error = _rms(turns)
     if error < max(_TURNED, _OFF * spread) or _few(turns) is not None:

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from symcal import kinematics, spatial
 from symcal.kernels import batch_function
@@ -95,7 +94,7 @@ def _aligned(pose: Array, wanted: Array, loose: Collection[str]) -> Array:
         base = np.asarray(step[:6] if "base" in loose else np.zeros(6), dtype=np.float64)
         point = step[-3:] if "tool" in loose else np.zeros(3)
         moved[:, :3, 3] += moved[:, :3, :3] @ point
-        moved = spatial.transform(Rotation.from_rotvec(base[3:]).as_matrix(), base[:3]) @ moved
+        moved = spatial.transform(spatial.vector_matrix(base[3:]), base[:3]) @ moved
     return np.asarray(moved[:, :3, 3] - wanted)
 
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import cast
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from symcal.camera.camera import Camera, distort, distortion_slopes
 
@@ -43,8 +43,8 @@ def reproject(camera: Camera, T_camera_target: Float, points: Float) -> tuple[Fl
 def moved(T_camera_target: Float, increment: Float) -> Float:
     """Poses after the increments, shape (..., 6); rotations are kept orthonormal to rounding."""
     shape = increment.shape[:-1]
-    turn = Rotation.from_rotvec(increment[..., 3:].reshape(-1, 3))
-    start = Rotation.from_matrix(T_camera_target[..., :3, :3].reshape(-1, 3, 3))
+    turn = scipy.spatial.transform.Rotation.from_rotvec(increment[..., 3:].reshape(-1, 3))
+    start = scipy.spatial.transform.Rotation.from_matrix(T_camera_target[..., :3, :3].reshape(-1, 3, 3))
     result = np.array(np.broadcast_to(T_camera_target, (*shape, 4, 4)))
     result[..., :3, :3] = (start * turn).as_matrix().reshape(*shape, 3, 3)
     result[..., :3, 3] += increment[..., :3]

@@ -5,8 +5,6 @@ from __future__ import annotations
 import signal
 import sys
 
-from rich.console import Console
-
 from symcal.cli.app import app
 from symcal.cli.compare import compare
 from symcal.cli.deliver import compensate, export, import_, schema
@@ -32,6 +30,8 @@ def main() -> None:
         with named_stdout():
             app()
     except SymcalError as error:
+        from rich.console import Console
+
         said = f"symcal: {printable(str(error))}"
         try:
             Console(stderr=True, soft_wrap=True).print(said, markup=False, highlight=False)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.markup import escape
-from rich.table import Table
 
-from symcal.cli import terminal
 from symcal.cli.app import Quiet
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 
 def compare(
@@ -19,6 +19,9 @@ def compare(
     quiet: Quiet = False,
 ) -> None:
     """Compare calibrations of one robot with the first: did it change?"""
+    from rich.markup import escape
+
+    from symcal.cli import terminal
     from symcal.runs.compare import compare_runs
 
     with terminal.spinner(quiet) as progress:
@@ -31,6 +34,9 @@ def compare(
 
 def print_comparison(content: Any) -> None:
     """How good every run is; of every pair what differs, and what it comes to."""
+    from rich.markup import escape
+
+    from symcal.cli import terminal
     from symcal.report.comparison import pair_sentences
 
     console = terminal.output()
@@ -49,6 +55,9 @@ def print_comparison(content: Any) -> None:
 
 
 def _runs_table(runs: Any) -> Table:
+    from rich.markup import escape
+    from rich.table import Table
+
     heads = ("run", "poses", "judged on", "before rms", "after rms", "after p95", "unit", "noise", "seen", "verdict")
     decided = any(run["accepted"] is not None for run in runs.values())
     table = Table(*heads[: None if decided else -1], box=None, pad_edge=False)
@@ -70,6 +79,9 @@ def _runs_table(runs: Any) -> Table:
 
 def _parameter_table(pair: Any) -> Table:
     """Those that differ, or else those that come nearest to it."""
+    from rich.markup import escape
+    from rich.table import Table
+
     from symcal.units import in_mrad
     from symcal.words import chance
 

@@ -6,10 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.markup import escape
 
-from symcal.cli import terminal
 from symcal.cli.app import Calibrated, Quiet, Seed
 
 
@@ -25,7 +22,10 @@ def compensate(
 ) -> None:
     """Correct joint commands so that the calibrated robot gets where it was sent."""
     import numpy as np
+    from rich.console import Console
+    from rich.markup import escape
 
+    from symcal.cli import terminal
     from symcal.compensation.compensate import compensate as solve
     from symcal.compensation.compensate import write_joints
     from symcal.compensation.targets import read_targets
@@ -70,6 +70,10 @@ def export(
     quiet: Quiet = False,
 ) -> None:
     """Hand a calibrated robot over: C code for the controller, URDF, or JSON with the table of corrections."""
+    from rich.console import Console
+    from rich.markup import escape
+
+    from symcal.cli import terminal
     from symcal.export import FORMATS, export_robot
     from symcal.robot.files import load_robot
 
@@ -98,6 +102,9 @@ def import_(
     out: Annotated[Path | None, typer.Option("--out", metavar="YAML", help="robot file [robot.yaml]")] = None,
 ) -> None:
     """Read a URDF chain as a robot file."""
+    from rich.markup import escape
+
+    from symcal.cli import terminal
     from symcal.outputs.whole_file import place_of
     from symcal.robot.files import save_robot
     from symcal.robot.urdf import load_urdf

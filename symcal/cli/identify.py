@@ -6,16 +6,21 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.markup import escape
 
-from symcal.cli import terminal
-from symcal.cli.app import Experiment, Out, Quiet, Seed, Set
+from symcal.cli.app import Experiment, NoReport, Out, Quiet, Seed, Set
 from symcal.errors import RefusedError
 
 
-def run(experiment: Experiment, out: Out = None, seed: Seed = None, set_: Set = None, quiet: Quiet = False) -> None:
+def run(
+    experiment: Experiment,
+    out: Out = None,
+    seed: Seed = None,
+    set_: Set = None,
+    no_report: NoReport = False,
+    quiet: Quiet = False,
+) -> None:
     """Run an experiment: measure or simulate, identify, evaluate, report."""
-    _identify(experiment, None, out, seed, set_, quiet)
+    _identify(experiment, None, out, seed, _outputs(set_, no_report), quiet)
 
 
 def identify(
@@ -26,10 +31,11 @@ def identify(
     out: Out = None,
     seed: Seed = None,
     set_: Set = None,
+    no_report: NoReport = False,
     quiet: Quiet = False,
 ) -> None:
     """Identify a robot from measurements."""
-    _identify(experiment, data, out, seed, set_, quiet, study=False)
+    _identify(experiment, data, out, seed, _outputs(set_, no_report), quiet, study=False)
 
 
 def validate(
@@ -52,7 +58,10 @@ def validate(
     quiet: Quiet = False,
 ) -> None:
     """Judge a calibrated robot on new measurements: accept or refuse it."""
+    from rich.markup import escape
+
     from symcal.calibration.tolerance import parse_tolerance
+    from symcal.cli import terminal
     from symcal.runs.validate import validate_robot
 
     against = None if tolerance is None else parse_tolerance(tolerance, of)
@@ -73,13 +82,16 @@ def check(
     file: Annotated[Path, typer.Argument(metavar="FILE.yaml", help="robot, calibrated robot or experiment")],
 ) -> None:
     """Validate a file; print the model and what is identifiable."""
+    from symcal.cli import terminal
     from symcal.documents.document import read_document
+
+    document = read_document(file)  # what is no YAML is refused before anything else is loaded
     from symcal.robot.files import load_robot
     from symcal.runs.check import check_model, check_robot
     from symcal.runs.data import describe_data
     from symcal.runs.load import load
 
-    if "links" in read_document(file).data:
+    if "links" in document.data:
         robot = load_robot(file)
         found, data = check_robot(robot), tuple[str, ...]()
     else:
@@ -89,21 +101,29 @@ def check(
     terminal.print_check(found, data)
 
 
+def _outputs(overrides: list[str] | None, no_report: bool) -> list[str]:
+    """What is set on the command line; without a report also its keys of the file."""
+    return [*(overrides or ()), *(("outputs.figures=false", "outputs.report=false") if no_report else ())]
+
+
 def _identify(
     experiment: Path,
     data: Path | None,
     out: Path | None,
     seed: int | None,
-    overrides: list[str] | None,
+    overrides: list[str],
     quiet: bool,
     *,
     study: bool = True,
 ) -> None:
+    from rich.markup import escape
+
+    from symcal.cli import terminal
     from symcal.runs.run import run as run_experiment
 
     with terminal.spinner(quiet) as progress:
         folder, content = run_experiment(
-            experiment, out, seed=seed, overrides=overrides or (), data=data, study=study, progress=progress
+            experiment, out, seed=seed, overrides=overrides, data=data, study=study, progress=progress
         )
     if not quiet:
         if "simulation_2" in content:

@@ -6,9 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.markup import escape
 
-from symcal.cli import terminal
 from symcal.cli.app import Images, Quiet
 
 
@@ -24,7 +22,10 @@ def board(
     quiet: Quiet = False,
 ) -> None:
     """Draw a calibration board at true size, to be printed at 100 %."""
+    from rich.markup import escape
+
     from symcal.camera.board import parse_board
+    from symcal.cli import terminal
     from symcal.outputs.whole_file import place_of
     from symcal.runs.board import print_board
 
@@ -77,7 +78,10 @@ def camera(
     quiet: Quiet = False,
 ) -> None:
     """Calibrate a camera from images of a board or a list of corners, and judge the calibration."""
+    from rich.markup import escape
+
     from symcal.camera.board import parse_board
+    from symcal.cli import terminal
     from symcal.errors import InputError
     from symcal.outputs.whole_file import place_of
     from symcal.runs.camera import calibrate_from_corners, calibrate_from_images, camera_content
@@ -153,6 +157,9 @@ def measure(
     quiet: Quiet = False,
 ) -> None:
     """Measure a target or a printed board in images, on the robot's tool or seen by a camera there."""
+    from rich.markup import escape
+
+    from symcal.cli import terminal
     from symcal.outputs.whole_file import place_of
     from symcal.runs.measure import measure_files
 

@@ -6,9 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.markup import escape
 
-from symcal.cli import terminal
 from symcal.cli.app import Experiment, Quiet, Seed, Set
 
 
@@ -22,6 +20,9 @@ def plan(
     quiet: Quiet = False,
 ) -> None:
     """Choose the poses to measure: which, how many, in what order, and how good the plan provably is."""
+    from rich.markup import escape
+
+    from symcal.cli import terminal
     from symcal.runs.plan import run_plan
 
     with terminal.spinner(quiet) as progress:

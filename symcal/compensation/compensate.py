@@ -15,11 +15,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import casadi as ca
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from symcal import spatial
@@ -32,6 +31,9 @@ from symcal.kinematics import chain, function, omegas, stack
 from symcal.model.parameter_set import parameter_set
 from symcal.outputs.whole_file import write_whole
 from symcal.robot.robot import Robot
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 SX = ca.SX
 Array = NDArray[np.float64]
@@ -78,7 +80,9 @@ class Compensation:
 
     def table(self) -> pd.DataFrame:
         """One row per target: the readings in deg and mm, residuals, status in words."""
-        table = joint_columns(self.robot, self.joints)
+        import pandas as pd  # half a second of start-up
+
+        table = pd.DataFrame(joint_columns(self.robot, self.joints))
         table["residual_mm"] = self.residual_mm
         table["uncompensated_mm"] = self.uncompensated_mm
         if self.residual_rad is not None and self.uncompensated_rad is not None:

@@ -8,9 +8,7 @@ from typing import Literal
 
 import casadi as ca
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from symcal import spatial
 from symcal.documents.table import Table, joint_readings, read_table
@@ -184,20 +182,16 @@ def _rotations(table: Table) -> Array | None:
         for row in np.flatnonzero(np.abs(norms - 1) > _UNIT_ERROR):
             message = "the quaternion is not of unit length"
             raise InputError(message, file=table.path, line=table.lines[row], found=f"{norms[row]:.6g}")
-        return np.asarray(Rotation.from_quat(quaternion).as_matrix())
+        return spatial.quaternion_matrices(quaternion)
     if any(c in stems for c in ("roll", "pitch", "yaw")):
         angles = [table.quantity(c, ANGLE, f"the target's {c}") for c in ("roll", "pitch", "yaw")]
         return spatial.rpy_matrix(np.column_stack(angles))
     return None
 
 
-def joint_columns(robot: Robot, joints: Array) -> pd.DataFrame:
+def joint_columns(robot: Robot, joints: Array) -> dict[str, Array]:
     """Readings (N, dof) in rad and mm as columns `q1_deg`, `q2_mm`, ..."""
-    return pd.DataFrame(
-        {
-            f"q{i + 1}_{'deg' if joint.revolute else 'mm'}": np.degrees(joints[:, i])
-            if joint.revolute
-            else joints[:, i]
-            for i, joint in enumerate(robot.joints)
-        }
-    )
+    return {
+        f"q{i + 1}_{'deg' if joint.revolute else 'mm'}": np.degrees(joints[:, i]) if joint.revolute else joints[:, i]
+        for i, joint in enumerate(robot.joints)
+    }

@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from symcal import spatial
 from symcal.data.conditions import condition_columns, of_postures, read_conditions
@@ -274,7 +273,7 @@ def _read_pose(table: Table, q: Array, kind: Instrument) -> Dataset:
             )
     else:
         angles = [table.quantity(c, ANGLE, f"the measured {c} (or qx, qy, qz, qw)") for c in _FRAME_ANGLES]
-        quaternion = Rotation.from_matrix(spatial.rpy_matrix(np.column_stack(angles))).as_quat()
+        quaternion = spatial.matrix_quaternions(spatial.rpy_matrix(np.column_stack(angles)))
     sigma = _sigmas(table, kind)
     z = np.hstack([xyz, quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)])
     return Dataset((Readings(kind, ""),), q, z, _labels(table, np.arange(len(z))), (), sigma)

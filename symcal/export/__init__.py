@@ -2,79 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
+import importlib
+from typing import TYPE_CHECKING, Any
 
-from symcal.calibration.reasons import Reason
-from symcal.errors import InputError
-from symcal.export.c import export_c
-from symcal.export.carries import LeftOut, check_carries, left_out, refuse_remainder
-from symcal.export.corrections import corrections
-from symcal.export.gate import check_exportable, doubts
-from symcal.export.json import json_text, robot_json, save_json
-from symcal.export.urdf import save_urdf
-from symcal.outputs.whole_file import require_own, write_all_whole
-from symcal.robot.robot import Robot
+if TYPE_CHECKING:
+    from symcal.export.c import export_c as export_c
+    from symcal.export.carries import check_carries as check_carries
+    from symcal.export.carries import left_out as left_out
+    from symcal.export.corrections import corrections as corrections
+    from symcal.export.export import FORMATS as FORMATS
+    from symcal.export.export import Exported as Exported
+    from symcal.export.export import export_robot as export_robot
+    from symcal.export.gate import check_exportable as check_exportable
+    from symcal.export.gate import doubts as doubts
+    from symcal.export.json import robot_json as robot_json
+    from symcal.export.json import save_json as save_json
+    from symcal.export.urdf import save_urdf as save_urdf
 
-FORMATS = ("c", "urdf", "json")
+_HOME = {
+    "FORMATS": "export",
+    "Exported": "export",
+    "check_carries": "carries",
+    "check_exportable": "gate",
+    "corrections": "corrections",
+    "doubts": "gate",
+    "export_c": "c",
+    "export_robot": "export",
+    "left_out": "carries",
+    "robot_json": "json",
+    "save_json": "json",
+    "save_urdf": "urdf",
+}
+"""Where each name lives; a module is loaded when a name is first used: who writes a table needs no C export."""
 
-__all__ = [
-    "FORMATS",
-    "Exported",
-    "check_carries",
-    "check_exportable",
-    "corrections",
-    "doubts",
-    "export_c",
-    "export_robot",
-    "left_out",
-    "robot_json",
-    "save_json",
-    "save_urdf",
-]
-
-
-@dataclass(frozen=True, slots=True)
-class Exported:
-    """What an export wrote, the doubts that were overridden, and what it could not carry of the joint terms."""
-
-    written: Sequence[Path]
-    doubts: Sequence[Reason]
-    left_out: LeftOut | None = None
+__all__ = [*_HOME]
 
 
-def export_robot(robot: Robot, to: str, folder: Path, *, force: bool = False, approximate: bool = False) -> Exported:
-    """Write a robot in one of `FORMATS` into a folder.
-
-    `c`: the folder `c`; `urdf`: `robot.urdf`; `json`: `robot.json` and the table `corrections.csv`.
-
-    Raises:
-        RefusedError: a calibration that was refused or never judged, unless forced; joint terms that the format cannot
-            carry, unless they may be left out; a smooth remainder; a file of these names that no export wrote: it is
-            somebody's.
-        InputError: the files cannot be written. Two that belong together are both written, or none.
-    """
-    overridden = check_exportable(robot, force)
-    refuse_remainder(robot, {"c": "the C code", "urdf": "URDF", "json": "JSON"}[to])
-    if to == "urdf" and not approximate:
-        check_carries(robot, "urdf")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise InputError(f"the folder cannot be made: {reason}", file=folder) from None
-    if to == "c":
-        written, left = [folder / "c"], export_c(robot, folder / "c", force=True).left_out
-    elif to == "urdf":
-        written = [folder / "robot.urdf"]
-        require_own(written[0], b"kinematics written by symcal")
-        left = save_urdf(robot, written[0], approximate=approximate, force=True)
-    else:
-        written = [folder / "robot.json", folder / "corrections.csv"]
-        table = corrections(robot)
-        require_own(written[0], b'"schema": "symcal/robot-json/')
-        require_own(written[1], ",".join(table.columns).encode())
-        write_all_whole({written[0]: json_text(robot), written[1]: table.to_csv(index=False)})
-        left = left_out(robot, "table")
-    return Exported(written, overridden, left)
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'symcal.export' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"symcal.export.{_HOME[name]}"), name)

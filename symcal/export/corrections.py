@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from symcal.export.urdf import roll_pitch_yaw
@@ -14,6 +13,9 @@ from symcal.joints import Term
 from symcal.parameters import Unit, frame_names, link_name
 from symcal.robot.robot import Joint, Record, Robot, is_angle
 from symcal.units import ANGLE, unit_factor
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 
@@ -30,6 +32,13 @@ COLUMNS = ("joint", "quantity", "parameter", "unit", "nominal", "correction", "c
 
 
 def corrections(robot: Robot) -> pd.DataFrame:
+    """`correction_rows` as a table with the columns `COLUMNS`."""
+    import pandas as pd  # half a second of start-up
+
+    return pd.DataFrame(correction_rows(robot), columns=list(COLUMNS))
+
+
+def correction_rows(robot: Robot) -> list[dict[str, Any]]:
     """The corrections of a calibrated robot, one per row, in deg and mm; empty if it was never calibrated.
 
     The zero offset of a joint is in units of its reading, error / (sign * ratio): what has to be *added to the reading*
@@ -53,7 +62,7 @@ def corrections(robot: Robot) -> pd.DataFrame:
                     rows.append(_row(link.joint, kind, name, link.parameters[kind], errors[name], sigmas.get(name)))
         rows += [row for term in robot.terms for row in _term_rows(robot.joints[term.joint - 1], term, robot.record)]
         rows += _tool_rows(robot)
-    return pd.DataFrame(rows, columns=list(COLUMNS))
+    return rows
 
 
 def _row(joint: Joint, kind: str, name: str, value: float, error: float, sigma: float | None) -> dict[str, Any]:

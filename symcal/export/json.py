@@ -7,10 +7,8 @@ import math
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from symcal.export.carries import check_carries, left_out
-from symcal.export.corrections import corrections
+from symcal.export.corrections import correction_rows
 from symcal.export.gate import check_exportable
 from symcal.joints import Term
 from symcal.joints.payload import PAYLOAD
@@ -67,7 +65,7 @@ def robot_json(robot: Robot) -> dict[str, Any]:
         "covariance": None
         if record is None
         else {"parameters": list(record.errors), "matrix": record.covariance.tolist()},
-        "corrections": _records(corrections(robot)),
+        "corrections": _known(correction_rows(robot)),
         "corrections_leave_out": None if left is None else left.text,
         "provenance": {} if record is None else dict(record.provenance),
     }
@@ -170,5 +168,5 @@ def _unit(name: str) -> str:
     return "rad" if kind in ("base", "tool") and last in ("rx", "ry", "rz") else "mm"
 
 
-def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
-    return [{str(k): None if v != v else v for k, v in row.items()} for row in table.to_dict("records")]
+def _known(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [{k: None if v != v else v for k, v in row.items()} for row in rows]

@@ -10,8 +10,8 @@ from itertools import product
 
 import casadi as ca
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from symcal.kernels.batch import batch_function
 from symcal.kinematics import function
@@ -77,7 +77,7 @@ def _climbed(size: SX, v: SX, box: tuple[Array, Array], starts: Array, values: A
 
     bounds = [(0.0, float(b > a)) for a, b in zip(*box, strict=True)]
     for start in starts[order]:
-        found = minimize(down, (start - lower) / span, jac=True, method="L-BFGS-B", bounds=bounds)
+        found = scipy.optimize.minimize(down, (start - lower) / span, jac=True, method="L-BFGS-B", bounds=bounds)
         if -found.fun * unit > best:
             best, at = float(-found.fun * unit), lower + np.clip(found.x, 0.0, 1.0) * span
     return best, at

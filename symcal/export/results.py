@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from symcal.calibration.compensation_check import Handover
 from symcal.calibration.evaluate import Errors
 from symcal.calibration.results import accuracy_facts
-from symcal.export.carries import left_out
-from symcal.export.corrections import corrections
-from symcal.export.delivery import Delivery, example
+from symcal.export.corrections import correction_rows
 from symcal.export.gate import doubts
 from symcal.robot.robot import Robot
+
+if TYPE_CHECKING:
+    from symcal.calibration.compensation_check import Handover
+    from symcal.export.delivery import Delivery
 
 
 def correction_facts(robot: Robot) -> dict[str, Any]:
@@ -23,10 +24,14 @@ def correction_facts(robot: Robot) -> dict[str, Any]:
 
     A number that is not known is None. `left_out` is there where offsets and lengths alone lose joint terms.
     """
-    rows = corrections(robot).to_dict(orient="records")
-    plain = [{str(k): None if isinstance(v, float) and math.isnan(v) else v for k, v in row.items()} for row in rows]
-    left = left_out(robot, "table")
+    rows = correction_rows(robot)
+    plain = [{k: None if isinstance(v, float) and math.isnan(v) else v for k, v in row.items()} for row in rows]
     facts = {"corrections": plain, "doubts": [doubt.text for doubt in doubts(robot)]}
+    if not robot.terms:
+        return facts
+    from symcal.export.carries import left_out
+
+    left = left_out(robot, "table")
     return facts if left is None else facts | {"left_out": left.text}
 
 
@@ -60,6 +65,8 @@ def _some(errors: Errors, which: np.ndarray[Any, np.dtype[np.bool_]]) -> Errors:
 
 def code_facts(delivery: Delivery) -> dict[str, Any]:
     """The exported C: files and sizes, operations, agreement with Python; or the reasons why there is none."""
+    from symcal.export.delivery import example
+
     export, check = delivery.export, delivery.check
     if export is None:
         return {"written": False, "doubts": [doubt.text for doubt in delivery.doubts]}

@@ -19,9 +19,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
-from scipy.stats import chi2, f
 
 from symcal.fit.residual_rows import Rows
 from symcal.fit.robust import Loss
@@ -121,9 +120,9 @@ def without(stacked: Array, own: Array) -> Array:
         stacked: all whitened [J r] at their minimum, shape (k, n + 1), ``own`` among them. own: shape (d, n + 1).
     """
     triangle: Array = np.asarray(np.linalg.qr(stacked[:, :-1], mode="r"), dtype=np.float64)
-    half = solve_triangular(triangle, own[:, :-1].T, trans="T")  # R^-T J_b^T
+    half = scipy.linalg.solve_triangular(triangle, own[:, :-1].T, trans="T")  # R^-T J_b^T
     left = np.eye(len(own)) - half.T @ half
-    return np.asarray(solve_triangular(triangle, half @ np.linalg.solve(left, own[:, -1])))
+    return np.asarray(scipy.linalg.solve_triangular(triangle, half @ np.linalg.solve(left, own[:, -1])))
 
 
 def judged(given: tuple[Pile, ...], known: Array, sigmas: dict[str, float], loss: Loss) -> tuple[Judged, ...]:
@@ -152,7 +151,7 @@ def judged(given: tuple[Pile, ...], known: Array, sigmas: dict[str, float], loss
 def _near(pile: Pile, sigma: float) -> Mask:
     """Readings that are as near to the estimate as nearly all good ones."""
     square = np.sum(pile.white(sigma)[:, :, -1] ** 2, axis=1)
-    return np.asarray(square <= chi2.ppf(_SURELY_GOOD, np.maximum(pile.size, 1)))
+    return np.asarray(square <= 2 * scipy.special.gammaincinv(np.maximum(pile.size, 1) / 2, _SURELY_GOOD))
 
 
 def _next(pile: Pile, found: Judged, good: Mask) -> Mask:
@@ -173,7 +172,7 @@ def _by_good(
     width = known.shape[1]
     stacked = np.vstack([*(w[g].reshape(-1, width) for w, g in zip(white, good, strict=True)), known])
     triangle: Array = np.asarray(np.linalg.qr(np.vstack([stacked, np.zeros((width, width))]), mode="r"))
-    root = solve_triangular(triangle[:-1, :-1], np.eye(width - 1))
+    root = scipy.linalg.solve_triangular(triangle[:-1, :-1], np.eye(width - 1))
     y = np.append(-root @ triangle[:-1, -1], 1.0)
     out = []
     for pile, rows, own in zip(given, white, good, strict=True):
@@ -188,13 +187,13 @@ def _by_good(
         squares = float(np.sum(r[own] ** 2))
         scale = float(np.sqrt(squares / max(dof, 1.0)))
         if np.isfinite(pile.known[pile.seen]).all():
-            chances, ratio, grown = chi2.sf(test, size), test / size, 1.0
+            chances, ratio, grown = scipy.special.chdtrc(size, test), test / size, 1.0
         else:
             grown = scale
             fewer = np.where(own, dof - size, dof)
             rest = np.where(own, squares - test, squares) / np.maximum(fewer, 1.0)
             ratio = test / size / np.maximum(rest, 1e-300)
-            chances = np.where(fewer > 0, f.sf(ratio, size, np.maximum(fewer, 1.0)), 1.0)
+            chances = np.where(fewer > 0, scipy.special.fdtrc(size, np.maximum(fewer, 1.0), ratio), 1.0)
         new = max(sigma * grown, pile.group.floor)
         spread = np.where(np.isfinite(pile.known), pile.known, sigma)
         bad = pile.there & (chances < chance)

@@ -28,9 +28,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
-from scipy.special import betaincc, chdtrc, fdtrc
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -96,13 +95,13 @@ class Difference:
         inverse = float(np.sum(shares**2 / np.asarray(self.dof)))
         squares = float(np.sum((whiten @ step) ** 2))
         if inverse == 0:
-            return Tested(squares, r, np.inf, float(chdtrc(r, squares)))
+            return Tested(squares, r, np.inf, float(scipy.special.chdtrc(r, squares)))
         nu = 1 / inverse
         if not self.together:
-            return Tested(squares, r, nu, float(fdtrc(r, nu, squares / r)))
+            return Tested(squares, r, nu, float(scipy.special.fdtrc(r, nu, squares / r)))
         if nu - r < _LEFT:
             return None
-        return Tested(squares, r, nu, float(betaincc(r / 2, (nu - r) / 2, min(squares / nu, 1 - _ALL))))
+        return Tested(squares, r, nu, float(scipy.special.betaincc(r / 2, (nu - r) / 2, min(squares / nu, 1 - _ALL))))
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +135,7 @@ def estimate_of(rows: HalfRows, own: Mask) -> Estimate:
     j, r, group = rows.slopes[kept], rows.r[kept], rows.group[kept]
     steep = j * np.sqrt(np.asarray(rows.bread))[group][:, None]
     triangle = np.asarray(np.linalg.qr(np.vstack([steep, known]), mode="r"), dtype=np.float64)
-    root = solve_triangular(triangle, np.eye(j.shape[1]))
+    root = scipy.linalg.solve_triangular(triangle, np.eye(j.shape[1]))
     inverse = np.asarray(root @ root.T)
     pulled = [j[group == g] @ inverse for g in range(len(rows.dof))]
     scatter = np.array([m * (each.T @ each) for m, each in zip(rows.meat, pulled, strict=True)])

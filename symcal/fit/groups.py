@@ -16,9 +16,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
-from scipy.stats import chi2
 
 from symcal.fit.held_out import steps_without
 from symcal.fit.variance_components import Block, Components, most_likely
@@ -34,7 +33,7 @@ _TOLERANCE = 1e-4
 
 def enough(candidates: int) -> float:
     """Twice the gain in log marginal likelihood above which one of so many groups is kept; 6.6 of four."""
-    return float(chi2.isf(2 * FALSE / max(candidates, 1), 1))
+    return float(scipy.special.chdtri(1, 2 * FALSE / max(candidates, 1)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +106,7 @@ class Groups:
         """Of the free parameters, were a group as large as is plausible, shape (n, n): what the data tell of it."""
         system, factors = self.model.system, self.variances.factors | {group: 1.0}
         rows = system.rows_at(self.x, self.model.spread(self.variances), factors)[:, :-1]
-        root = solve_triangular(np.linalg.qr(rows, mode="r"), np.eye(rows.shape[1]))
+        root = scipy.linalg.solve_triangular(np.linalg.qr(rows, mode="r"), np.eye(rows.shape[1]))
         return np.asarray(np.outer(system.scales, system.scales) * (root @ root.T))
 
     def held_out(self, groups: Sequence[str], folds: Sequence[NDArray[np.intp]]) -> Array:

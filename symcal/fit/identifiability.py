@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linprog
 
 from symcal.parameters import ParameterSet
+from symcal.solvers.sparsest import least_one_norms
 from symcal.units import in_mrad
 
 Array = NDArray[np.float64]
@@ -148,16 +148,8 @@ def sparse_basis(subspace: Array) -> list[Array]:
     n, k = subspace.shape
     if k == 0:
         return []
-    candidates = []
-    cost = np.concatenate([np.zeros(k), np.ones(n)])
-    bound = np.block([[subspace, -np.eye(n)], [-subspace, -np.eye(n)]])
-    free = [(None, None)] * k + [(0, None)] * n
-    for j in np.flatnonzero(np.linalg.norm(subspace, axis=1) > 1e-3):
-        pivot = np.concatenate([subspace[j], np.zeros(n)])[None, :]
-        solution = linprog(cost, A_ub=bound, b_ub=np.zeros(2 * n), A_eq=pivot, b_eq=[1.0], bounds=free, method="highs")
-        if solution.status == 0:
-            vector = subspace @ np.asarray(solution.x)[:k]
-            candidates.append(vector / np.linalg.norm(vector))
+    reached = np.flatnonzero(np.linalg.norm(subspace, axis=1) > 1e-3)
+    candidates = [vector / np.linalg.norm(vector) for vector in least_one_norms(subspace, reached)]
     candidates.sort(key=lambda v: (int(np.sum(np.abs(v) > _NEGLIGIBLE * np.abs(v).max())), float(np.abs(v).sum())))
     chosen: list[Array] = []
     span = np.zeros((n, 0))

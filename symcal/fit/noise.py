@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import gammaincinv
 
 from symcal.fit.residual_rows import Rows
 from symcal.fit.robust import Loss, loss_weights, shrinkage
@@ -69,7 +69,9 @@ def block_sigmas(
             size = unknown.sum(axis=2)
             norms = np.linalg.norm(np.where(unknown, _blocks(group, residual), 0.0), axis=2)[size > 0]
             count = int(unknown.sum())
-            expected = np.sqrt(2 * gammaincinv(size[size > 0] / 2, 0.5) * max(count - taken[group.name], 1) / count)
+            expected = np.sqrt(
+                2 * scipy.special.gammaincinv(size[size > 0] / 2, 0.5) * max(count - taken[group.name], 1) / count
+            )
             out[group.name] = max(float(np.median(norms / expected)), group.floor)
     return out
 

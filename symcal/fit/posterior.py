@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from symcal.fit.variance_components import Block, Components
 
@@ -93,7 +93,7 @@ class Posterior:
         return np.clip(dof, _FEWEST_DOF, MOST_DOF)
 
     def _half(self, sigma: Array, dof: Array, confidence: float) -> Array:
-        return np.asarray(sigma * stdtrit(dof, 0.5 + confidence / 2))
+        return np.asarray(sigma * scipy.special.stdtrit(dof, 0.5 + confidence / 2))
 
 
 def predicted_rms(jacobian: Array, covariance: Array) -> Array:

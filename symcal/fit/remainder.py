@@ -16,8 +16,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from symcal.fit.correlated_rows import Field, FrozenRows, field_of
 from symcal.fit.estimation import Fit, Options, variance_model
@@ -120,7 +120,7 @@ class Physics:
             best[logarithm] = replace(found, value=found.value + field.log_determinant(ratio))
             return best[logarithm].value
 
-        minimize_scalar(value, bounds=_RATIOS, method="bounded", options={"xatol": 2 * _TOLERANCE})
+        scipy.optimize.minimize_scalar(value, bounds=_RATIOS, method="bounded", options={"xatol": 2 * _TOLERANCE})
         logarithm = min(best, key=lambda each: best[each].value)
         return best[logarithm], float(np.exp(logarithm))
 

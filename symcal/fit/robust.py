@@ -19,9 +19,8 @@ from functools import cache
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import brentq
-from scipy.special import gammaincinv
 
 Array = NDArray[np.float64]
 Loss = Literal["linear", "huber", "cauchy", "tukey"]
@@ -63,7 +62,7 @@ def loss_slopes(loss: Loss, t: Array, block: int) -> Array:
 def tuning(loss: Loss, block: int) -> float:
     """k or c, in units of sigma."""
     if loss != "tukey":
-        return float(np.sqrt(2 * gammaincinv(block / 2, _QUANTILE)))
+        return float(np.sqrt(2 * scipy.special.gammaincinv(block / 2, _QUANTILE)))
     t = _normal_norms(block)
 
     def too_low(c: float) -> float:
@@ -71,7 +70,7 @@ def tuning(loss: Loss, block: int) -> float:
         slope = np.mean((1 - u) ** 2 - 4 / block * u * (1 - u))
         return float(slope**2 / (np.mean(t**2 * (1 - u) ** 4) / block)) - _EFFICIENCY
 
-    return float(brentq(too_low, 1.0 + np.sqrt(block), _WIDEST))
+    return float(scipy.optimize.brentq(too_low, 1.0 + np.sqrt(block), _WIDEST))
 
 
 @cache
@@ -84,9 +83,9 @@ def shrinkage(loss: Loss, block: int) -> float:
 
 def normal_median(block: int) -> float:
     """Median of the norm of d unit normals."""
-    return float(np.sqrt(2 * gammaincinv(block / 2, 0.5)))
+    return float(np.sqrt(2 * scipy.special.gammaincinv(block / 2, 0.5)))
 
 
 def _normal_norms(block: int) -> Array:
     """Norms of d unit normals in the middles of so many intervals of equal probability."""
-    return np.asarray(np.sqrt(2 * gammaincinv(block / 2, (np.arange(_NODES) + 0.5) / _NODES)))
+    return np.asarray(np.sqrt(2 * scipy.special.gammaincinv(block / 2, (np.arange(_NODES) + 0.5) / _NODES)))

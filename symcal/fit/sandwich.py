@@ -16,8 +16,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from symcal.fit.robust import Loss, loss_slopes, loss_weights
 from symcal.fit.whitened import Whitened
@@ -54,7 +54,7 @@ def sandwich(system: Whitened, x: Array, spread: Array, factors: Mapping[str, fl
     known = system.known_rows(x, factors)[:, :-1]
     telling = rows * steep[counts][:, None]
     triangle: Array = np.asarray(np.linalg.qr(np.vstack([telling, known]), mode="r"), dtype=np.float64)
-    root = solve_triangular(triangle, np.eye(triangle.shape[1]))
+    root = scipy.linalg.solve_triangular(triangle, np.eye(triangle.shape[1]))
     own = blocks[counts]
     leverage = np.bincount(own, np.sum((telling @ root) ** 2, axis=1)) / np.maximum(np.bincount(own), 1)
     left = np.sqrt(np.maximum(1 - leverage[own], _LEAST))

@@ -25,9 +25,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
-from scipy.special import betaincc, ndtr
 
 from symcal.fit.pose_rows import Displacement, PoseRows
 
@@ -118,7 +117,7 @@ class Score:
                 basis = np.column_stack([basis, rest / length])
         back = np.zeros((columns.shape[1], len(kept)))
         if kept:
-            back[kept] = solve_triangular(np.triu(basis.T @ own[:, kept]), np.eye(len(kept)))
+            back[kept] = scipy.linalg.solve_triangular(np.triu(basis.T @ own[:, kept]), np.eye(len(kept)))
         return basis, back
 
     def _by_pose(self, directions: Array, along: Array) -> float:
@@ -132,7 +131,7 @@ class Score:
         count = float(np.sum(directions**2) ** 2 / np.sum(weight**2))
         if np.abs(np.diag(triangle)).min() < _ALL * np.abs(triangle).max() or count < len(along) + 1:
             return 1.0
-        statistic = solve_triangular(triangle, along, trans="T")
+        statistic = scipy.linalg.solve_triangular(triangle, along, trans="T")
         return _probability(len(along), count, float(statistic @ statistic) / count)
 
     @property
@@ -179,12 +178,12 @@ class Score:
         off = float(np.sum(g * (_beside(g) - mean * g))) / (total / free)
         if spread <= 0:
             return None
-        return float(np.sum(g * _beside(g)) / total), float(ndtr(-off / np.sqrt(2 * spread)))
+        return float(np.sum(g * _beside(g)) / total), float(scipy.special.ndtr(-off / np.sqrt(2 * spread)))
 
 
 def _probability(columns: int, dof: float, share: float) -> float:
     """That a share of so many degrees of freedom falls to some columns."""
-    return float(betaincc(columns / 2, (dof - columns) / 2, min(share, 1 - _ALL)))
+    return float(scipy.special.betaincc(columns / 2, (dof - columns) / 2, min(share, 1 - _ALL)))
 
 
 def _beside(values: Array) -> Array:

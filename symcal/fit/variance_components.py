@@ -26,8 +26,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 Array = NDArray[np.float64]
 
@@ -105,7 +105,7 @@ def at_variances(blocks: Sequence[Block], known: Array, phi: Array, ties: Sequen
     stacked = np.vstack([*scaled, known, np.zeros((n + 1, n + 1))])
     triangle: Array = np.asarray(np.linalg.qr(stacked, mode="r"), dtype=np.float64)
     upper, right = triangle[:n, :n], triangle[:n, n]
-    root = solve_triangular(upper, np.eye(n))
+    root = scipy.linalg.solve_triangular(upper, np.eye(n))
     y = -root @ right
     widths, counts = np.array([block.width for block in blocks]), np.array([block.count for block in blocks])
     projected = [rows[:, :n] @ root for rows in scaled]

@@ -15,7 +15,7 @@ from typing import ClassVar, Literal, Self
 
 import casadi as ca
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from symcal import spatial
 from symcal.instruments.protocol import Array, Column, Draw, Instrument, Quantity, sigmas
@@ -80,8 +80,11 @@ class Pose(Instrument):
 
     def retract(self, reading: Array, noise: Mapping[str, Draw]) -> Array:
         flat = reading.reshape(-1, 7)
-        shift, turn = noise["position"]((len(flat), 3)), Rotation.from_rotvec(noise["orientation"]((len(flat), 3)))
-        measured = Rotation.from_quat(flat[:, 3:])
+        shift, turn = (
+            noise["position"]((len(flat), 3)),
+            scipy.spatial.transform.Rotation.from_rotvec(noise["orientation"]((len(flat), 3))),
+        )
+        measured = scipy.spatial.transform.Rotation.from_quat(flat[:, 3:])
         position = flat[:, :3] + (measured.apply(shift) if self.axes == "observed" else shift)
         attitude = (turn * measured if self.axes == "observer" else measured * turn).as_quat(canonical=True)
         return np.hstack([position, attitude]).reshape(reading.shape)

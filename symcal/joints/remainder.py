@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 SX = ca.SX
 Array = NDArray[np.float64]
@@ -61,7 +61,7 @@ class Kernel:
 
     def basis(self, q: Array, centres: Array) -> Array:
         """b = L^-1 k(c, q), shape (N, M): functions whose coefficients are of unit variance."""
-        return np.asarray(solve_triangular(self.root(centres), self(centres, q), lower=True).T)
+        return np.asarray(scipy.linalg.solve_triangular(self.root(centres), self(centres, q), lower=True).T)
 
     def spanning(self, q: Array, most: int, left: float) -> NDArray[np.intp]:
         """Which of N readings span the others: a pivoted Cholesky factorisation.
@@ -118,5 +118,8 @@ class Remainder:
 def remainder_of(kernel: Kernel, centres: Array, coefficients: Array, amplitude: float) -> Remainder:
     """f = sum_m b_m(q) t_m, t of shape (M, 3), mm."""
     return Remainder(
-        kernel, centres, solve_triangular(kernel.root(centres), coefficients, lower=True, trans="T"), amplitude
+        kernel,
+        centres,
+        scipy.linalg.solve_triangular(kernel.root(centres), coefficients, lower=True, trans="T"),
+        amplitude,
     )

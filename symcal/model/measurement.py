@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from symcal import spatial
 from symcal.kinematics import Chain, frame_vector
@@ -74,7 +73,7 @@ class Setup:
 
 def _moved(frame: Array, name: str, errors: Mapping[str, float]) -> Array:
     increment = np.array([errors.get(axis, 0.0) for axis in frame_names(name)])
-    rotation = Rotation.from_rotvec(increment[3:]).as_matrix()
+    rotation = spatial.vector_matrix(increment[3:])
     return np.asarray(frame @ spatial.transform(rotation, increment[:3]))
 
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import numpy as np
-import pandas as pd
+from collections.abc import Iterable
 
+import numpy as np
+
+from symcal.outputs.csv_text import Rows, rows_of
 from symcal.paper import published
 from symcal.paper.results import Setting, Study
 
 _KINDS = ("theta", "alpha", "a", "d", "beta")
 
 
-def study_tables(study: Study) -> dict[str, pd.DataFrame]:
+def study_tables(study: Study) -> dict[str, Rows]:
     """Tables I to VI, the repetitions, the readings, and the errors at the test poses, by file name."""
     return {
         "table_1_nominal": _table_1(study.setting),
@@ -28,7 +30,7 @@ def study_tables(study: Study) -> dict[str, pd.DataFrame]:
     }
 
 
-def _table_1(setting: Setting) -> pd.DataFrame:
+def _table_1(setting: Setting) -> Rows:
     rows = []
     for i, link in enumerate(setting.model.robot.links, start=1):
         row: dict[str, object] = {"link": i, "joint": link.joint.name, "kind": link.joint.kind}
@@ -39,10 +41,10 @@ def _table_1(setting: Setting) -> pd.DataFrame:
                 None if value is None else value if lengthy else float(np.rad2deg(value))
             )
         rows.append(row)
-    return pd.DataFrame(rows)
+    return rows
 
 
-def _table_2(setting: Setting) -> pd.DataFrame:
+def _table_2(setting: Setting) -> Rows:
     area, robot = setting.info.area, setting.model.robot
     rows = []
     for i, joint in enumerate(robot.joints):
@@ -57,10 +59,10 @@ def _table_2(setting: Setting) -> pd.DataFrame:
                 "working_area_upper": float(shown(area.upper[i])),
             }
         )
-    return pd.DataFrame(rows)
+    return rows
 
 
-def _table_3(study: Study) -> pd.DataFrame:
+def _table_3(study: Study) -> Rows:
     setting, main = study.setting, study.simulation_1.main
     rows = []
     for i, p in enumerate(setting.model.parameters.items):
@@ -73,10 +75,10 @@ def _table_3(study: Study) -> pd.DataFrame:
                 "simulation_1": main.found[i],
             }
         )
-    return pd.DataFrame(rows)
+    return rows
 
 
-def _table_4(study: Study) -> pd.DataFrame:
+def _table_4(study: Study) -> Rows:
     rows = []
     for name, found in study.simulation_2.items():
         for state, against, values in (
@@ -93,14 +95,14 @@ def _table_4(study: Study) -> pd.DataFrame:
     for name, values in study.published_true.items():
         number = "V" if name == "optimal" else "VI"
         rows.append(_row(f"paper's Table {number} at our test poses", "after", "truth", values.mean(), values.max()))
-    return pd.DataFrame(rows)
+    return rows
 
 
 def _row(path: str, state: str, against: str, mean: float, largest: float) -> dict[str, object]:
     return {"path": path, "state": state, "against": against, "mean_mm": float(mean), "max_mm": float(largest)}
 
 
-def _identified(study: Study, plans: tuple[str, ...], paper: str) -> pd.DataFrame:
+def _identified(study: Study, plans: tuple[str, ...], paper: str) -> Rows:
     table = published.TABLES[paper]
     rows = []
     for i, p in enumerate(study.setting.model.parameters.items):
@@ -117,74 +119,68 @@ def _identified(study: Study, plans: tuple[str, ...], paper: str) -> pd.DataFram
                 f"{name}_unregularised": found.unregularised[i],
             }
         rows.append(row)
-    return pd.DataFrame(rows)
+    return rows
 
 
-def _plans(study: Study) -> pd.DataFrame:
+def _plans(study: Study) -> Rows:
     again = study.repetitions
-    return pd.DataFrame(
-        [
-            {
-                "plan": name,
-                "title": plan.title,
-                "expected_rms_mm": plan.expected_rms_mm,
-                "d_efficiency_lower_bound": plan.certificate.d_efficiency_lower_bound,
-                "g_efficiency": plan.certificate.g_efficiency,
-                "condition_number": plan.condition_number,
-                "beats_random_expected": plan.beats_random,
-                "beats_random_realised": again.wins(name),
-                "true_rms_over_cramer_rao": again.over_cramer_rao(name),
-                "visible_share": plan.visible,
-                "tour_s": plan.motion.total_time,
-            }
-            for name, plan in study.plans.items()
-        ]
-    )
+    return [
+        {
+            "plan": name,
+            "title": plan.title,
+            "expected_rms_mm": plan.expected_rms_mm,
+            "d_efficiency_lower_bound": plan.certificate.d_efficiency_lower_bound,
+            "g_efficiency": plan.certificate.g_efficiency,
+            "condition_number": plan.condition_number,
+            "beats_random_expected": plan.beats_random,
+            "beats_random_realised": again.wins(name),
+            "true_rms_over_cramer_rao": again.over_cramer_rao(name),
+            "visible_share": plan.visible,
+            "tour_s": plan.motion.total_time,
+        }
+        for name, plan in study.plans.items()
+    ]
 
 
-def _repetitions(study: Study) -> pd.DataFrame:
+def _repetitions(study: Study) -> Rows:
     again = study.repetitions
-    parts = []
+    rows: list[dict[str, object]] = []
     for name in again.names:
-        parts.append(
-            pd.DataFrame(
-                {
-                    "plan": name,
-                    "repetition": np.arange(1, again.count + 1),
-                    "measured_mean_mm": again.measured_mean[name],
-                    "measured_max_mm": again.measured_max[name],
-                    "true_mean_mm": again.true_mean[name],
-                    "true_rms_mm": again.true_rms[name],
-                    "true_max_mm": again.true_max[name],
-                    "cramer_rao_rms_mm": again.cramer_rao_mm[name],
-                }
-            )
-        )
-    return pd.concat(parts, ignore_index=True)
-
-
-def _readings(study: Study) -> pd.DataFrame:
-    return pd.DataFrame(
-        [
+        rows += rows_of(
             {
-                "reading": way.key,
-                "text": way.text,
-                "main": way.main,
-                "expected_rms_mm": way.expected_rms_mm,
-                "d_efficiency_lower_bound": way.d_efficiency_lower_bound,
-                "beats_random_expected": way.beats_random,
-                "distinct_poses": way.distinct,
-                **{f"score_{name}": value for name, value in way.scores.items()},
+                "plan": [name] * again.count,
+                "repetition": np.arange(1, again.count + 1),
+                "measured_mean_mm": again.measured_mean[name],
+                "measured_max_mm": again.measured_max[name],
+                "true_mean_mm": again.true_mean[name],
+                "true_rms_mm": again.true_rms[name],
+                "true_max_mm": again.true_max[name],
+                "cramer_rao_rms_mm": again.cramer_rao_mm[name],
             }
-            for way in study.readings
-        ]
-    )
+        )
+    return rows
 
 
-def _errors(study: Study) -> pd.DataFrame:
+def _readings(study: Study) -> Rows:
+    return [
+        {
+            "reading": way.key,
+            "text": way.text,
+            "main": way.main,
+            "expected_rms_mm": way.expected_rms_mm,
+            "d_efficiency_lower_bound": way.d_efficiency_lower_bound,
+            "beats_random_expected": way.beats_random,
+            "distinct_poses": way.distinct,
+            **{f"score_{name}": value for name, value in way.scores.items()},
+        }
+        for way in study.readings
+    ]
+
+
+def _errors(study: Study) -> Rows:
     """Fig. 9: every test pose, before and after, against noisy measurement and truth."""
     setting = study.setting
-    columns: dict[str, object] = {
+    columns: dict[str, Iterable[object]] = {
         "pose": np.arange(1, len(setting.test_poses) + 1),
         "x_mm": setting.test_positions[:, 0],
         "y_mm": setting.test_positions[:, 1],
@@ -193,14 +189,13 @@ def _errors(study: Study) -> pd.DataFrame:
     }
     for name, found in study.simulation_2.items():
         columns |= {f"{name}_measured_mm": found.after_measured, f"{name}_true_mm": found.after_true}
-    return pd.DataFrame(columns)
+    return rows_of(columns)
 
 
-def _convergence(study: Study) -> pd.DataFrame:
+def _convergence(study: Study) -> Rows:
     """Fig. 7: mean position error after every iteration of Simulation I."""
-    rows = [
+    return [
         {"plan": name, "iteration": i, "position_error_mm": error, "damping": damping}
         for name, found in study.simulation_1.plans.items()
         for i, (error, damping) in enumerate(zip(found.position_error_mm, found.damping, strict=True))
     ]
-    return pd.DataFrame(rows)

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from symcal import spatial
 from symcal.camera.board_pose import LEVER
@@ -93,7 +93,7 @@ def agreement(
 
 def _turns_about_two(flange: Array) -> bool:
     """Whether the flange turns about more than one axis: about one alone, hand and eye cannot be told apart."""
-    turns = Rotation.from_matrix(flange[0, :3, :3].T @ flange[1:, :3, :3]).as_rotvec()
+    turns = scipy.spatial.transform.Rotation.from_matrix(flange[0, :3, :3].T @ flange[1:, :3, :3]).as_rotvec()
     return bool(np.linalg.svd(turns, compute_uv=False)[1] > _TURNED * np.sqrt(len(turns)))
 
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from symcal.data.dataset import Dataset
 from symcal.fit.residual_rows import Rows, rows_of
@@ -116,7 +116,7 @@ def _somewhere(model: Model, setup: Setup, free: tuple[str, ...], reach: float, 
         if not axes:
             return nominal
         turned = any(axis.startswith("r") for axis in axes)
-        turn = Rotation.random(rng=rng).as_matrix() if turned else nominal[:3, :3]
+        turn = scipy.spatial.transform.Rotation.random(rng=rng).as_matrix() if turned else nominal[:3, :3]
         size = _ON_ROBOT if moves else _AROUND * reach
         shift = rng.uniform(-size, size, 3) * [axis in axes for axis in "xyz"]
         return transform(turn, nominal[:3, 3] + shift)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from symcal.placing.agreement import Agreement
 
@@ -55,7 +55,7 @@ def foreign_views(found: Agreement, own: Index, sigma: Array) -> list[Foreign]:
     relative = found.misfit[suspects] / ruler[suspects, None]
     fitting = (relative < _OFF) & (found.misfit[suspects] < _BETTER * off[suspects, None])
     cost = np.where(fitting, relative + taken, 1e6)
-    rows, columns = linear_sum_assignment(cost)
+    rows, columns = scipy.optimize.linear_sum_assignment(cost)
     fits = {int(suspects[r]): int(c) for r, c in zip(rows, columns, strict=True) if fitting[r, c]}
     foreign = []
     for i in suspects:

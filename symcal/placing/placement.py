@@ -10,8 +10,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from symcal.data.dataset import Dataset
 from symcal.fit.estimation import Fit, Options, fit
@@ -149,7 +149,7 @@ def stated(model: Model, setup: Setup) -> Array:
     frames += [(name, place, model.setup.places[name]) for name, place in setup.places.items()]
     for name, frame, nominal in frames:
         step = inverse(frame) @ nominal
-        turn = Rotation.from_matrix(step[:3, :3]).as_rotvec()
+        turn = scipy.spatial.transform.Rotation.from_matrix(step[:3, :3]).as_rotvec()
         errors |= dict(zip(frame_names(name), (*step[:3, 3], *turn), strict=True))
     for name, shift in zip(model.measurement.points_called, model.setup.points - setup.points, strict=True):
         errors |= dict(zip(coordinate_names(name), shift, strict=True))

@@ -12,10 +12,7 @@ from symcal.config.conversion import ExperimentFile
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.model.model import Model
-from symcal.planning.area import WorkingArea
-from symcal.planning.information import pose_information
-from symcal.planning.plan_problem import nominal_noise
-from symcal.planning.region import TaskRegion, region_accuracy
+from symcal.planning.nominal_noise import nominal_noise
 
 
 def forecast_check(
@@ -36,6 +33,10 @@ def forecast_check(
         sigmas = nominal_noise(file, model)
     except RefusedError:
         return None
+    from symcal.planning.area import WorkingArea
+    from symcal.planning.information import pose_information
+    from symcal.planning.region import TaskRegion, region_accuracy
+
     train, test = data.part("train"), data.part("test")
     area = WorkingArea(data.q.min(axis=0), data.q.max(axis=0))
     free = (*model.kinematic, *model.placement)

@@ -18,7 +18,8 @@ from symcal.errors import InputError, RefusedError
 from symcal.model.model import Model, build_model
 from symcal.model.task import Task
 from symcal.planning.information import pose_information
-from symcal.planning.plan_problem import PlanProblem, nominal_noise
+from symcal.planning.nominal_noise import nominal_noise
+from symcal.planning.plan_problem import PlanProblem
 from symcal.planning.region import region_accuracy
 
 Array = NDArray[np.float64]

@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.config import conversion as config
-from symcal.config.conversion import ExperimentFile, SimulatedData
+from symcal.config.conversion import ExperimentFile
 from symcal.config.plan import AreaRegion, BoxRegion
 from symcal.documents.document import Document, Key
-from symcal.errors import RefusedError
 from symcal.model.contact import constraints, touched_names
 from symcal.model.model import Model
 from symcal.planning.area import Feasible, WorkingArea
@@ -22,6 +21,7 @@ from symcal.planning.camera_view import CameraView
 from symcal.planning.constraints import Constraint, feasible, insist, joint_limits
 from symcal.planning.contact_pool import nearest_contacts, touching_pool
 from symcal.planning.information import PoseInformation, pose_information
+from symcal.planning.nominal_noise import nominal_noise
 from symcal.planning.ordering import joint_speeds
 from symcal.planning.plan_constraints import asked_view, clearance, own_camera, separate_camera
 from symcal.planning.plan_file import read_plan
@@ -139,39 +139,6 @@ def plan_problem(file: ExperimentFile, document: Document, model: Model, rng: np
         speeds=_speeds(file, document, robot),
         inputs=tuple(inputs),
     )
-
-
-def nominal_noise(file: ExperimentFile, model: Model) -> dict[str, float]:
-    """Standard deviation by group of the measurement, mm and rad: as measured, as planned with, or as simulated.
-
-    Raises:
-        RefusedError: none of them is stated. What a plan can promise is a multiple of the noise, and what is
-        identifiable depends on it.
-    """
-    stated = model.measurement.stated_noise
-    simulated: dict[str, float] = {}
-    if isinstance(file.data, SimulatedData):
-        root = 3**-0.5 if file.data.noise.distribution == "uniform" else 1.0
-        simulated = {name: size * root for name, size in file.data.noise.sizes.items()}
-    out: dict[str, float] = {}
-    for group in model.measurement.groups:
-        value = stated.get(group.name)
-        factor = file.units.factor(group.unit)
-        value = value or _times(file.plan.noise.get(group.quantity), factor)
-        value = value or _times(simulated.get(group.quantity), factor)
-        if not value:
-            key = "measurement" if file.measurement is not None else f"measurements.{group.observation}"
-            raise RefusedError(
-                f"no noise of the {group.name} is stated, so a plan can promise nothing and what is identifiable is "
-                f"undecided: give its standard deviation per axis under '{key}.noise.{group.quantity}', or under "
-                f"'plan.noise.{group.quantity}' if it is only nominal"
-            )
-        out[group.name] = value
-    return out
-
-
-def _times(value: float | None, factor: float) -> float | None:
-    return None if value is None else value * factor
 
 
 def _area(file: ExperimentFile, document: Document, robot: Robot) -> WorkingArea:

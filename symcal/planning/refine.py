@@ -10,9 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize
-from scipy.spatial.distance import cdist
 
 from symcal.planning.area import Feasible
 from symcal.planning.criteria import Criterion
@@ -68,7 +67,7 @@ def refine(
 
     start = np.clip(area.unit(poses), 0.0, 1.0)
     before = score(poses)
-    found = minimize(
+    found = scipy.optimize.minimize(
         loss,
         start.ravel(),
         jac=True,
@@ -114,8 +113,8 @@ def _apart(old_unit: Array, new_unit: Array, old: Array, new: Array, distance: f
     others = np.zeros((0, old.shape[1])) if keep_off is None else keep_off
     unit, result = new_unit.copy(), new.copy()
     for _ in range(len(old)):
-        gaps = cdist(unit, unit) + np.diag(np.full(len(unit), np.inf))
-        close = (gaps < distance).sum(axis=1) + (cdist(unit, others) < distance).sum(axis=1)
+        gaps = scipy.spatial.distance.cdist(unit, unit) + np.diag(np.full(len(unit), np.inf))
+        close = (gaps < distance).sum(axis=1) + (scipy.spatial.distance.cdist(unit, others) < distance).sum(axis=1)
         close = np.where((result == old).all(axis=1), 0, close)
         if not close.any():
             break

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from symcal.calibration.results import noise_facts
 from symcal.compensation.targets import joint_columns
 from symcal.config.plan import AreaRegion, BoxRegion, FileRegion
 from symcal.model.measurement import Measurement
+from symcal.outputs.csv_text import Rows, rows_of
 from symcal.parameters import coordinate_names
 from symcal.planning.accuracy_forecast.forecast import Forecast, PosesNeeded
 from symcal.planning.accuracy_forecast.random_band import RandomBand
@@ -258,29 +258,27 @@ def plan_tables(
     tool_mm: Array,
     errors_mm: Array,
     touches: Sequence[str] | None = None,
-) -> dict[str, pd.DataFrame]:
+) -> dict[str, Rows]:
     """poses: what is measured and what is foretold there; promise; methods.
 
     Args:
         tool_mm: tool position of every pose, shape (N, 3). errors_mm: predicted rms error at every pose, shape (N,).
         touches: what each of them touches, where something is touched.
     """
-    poses = joint_columns(robot, planned.plan.poses)
-    poses.insert(0, "pose", list(planned.names))
+    poses: dict[str, Iterable[object]] = {"pose": planned.names, **joint_columns(robot, planned.plan.poses)}
     poses["required"] = planned.required
     if touches is not None:
-        poses["touches"] = list(touches)
+        poses["touches"] = touches
     for i, axis in enumerate("xyz"):
         poses[f"tool_{axis}_mm"] = tool_mm[:, i]
     poses["predicted_rms_mm"] = errors_mm
-    out = {"poses": poses}
+    out: dict[str, Rows] = {"poses": rows_of(poses)}
     if content["promise"] is not None:
-        out["promise"] = pd.DataFrame(content["promise"]["table"])
+        out["promise"] = content["promise"]["table"]
         if content["promise"]["needed"]:
-            out["poses_needed"] = pd.DataFrame(content["promise"]["needed"])
-    rows = [
+            out["poses_needed"] = content["promise"]["needed"]
+    out["methods"] = [
         {"method": name, **{k: v for k, v in facts.items() if k != "history"}}
         for name, facts in content["methods"].items()
     ]
-    out["methods"] = pd.DataFrame(rows)
     return out

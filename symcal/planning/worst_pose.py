@@ -11,8 +11,8 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from symcal.planning.area import Feasible, WorkingArea, draw
 from symcal.planning.staged_rows import StagedRows
@@ -116,7 +116,9 @@ def _polish(function: PoseRows, weight: Array, area: WorkingArea, poses: Array, 
 
     start = np.clip(area.unit(poses).ravel(), 0.0, 1.0)
     bounds = [(0.0, 1.0)] * start.size
-    found = minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": iterations})
+    found = scipy.optimize.minimize(
+        loss, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": iterations}
+    )
     return area.clip(area.lower + span * np.asarray(found.x).reshape(shape))
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any, Literal
 
 import numpy as np
+import scipy
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import Normalize
 from numpy.typing import NDArray
-from scipy.stats import binned_statistic_2d
 
 Array = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ def in_cells(
     own = slice(None) if where is None else where
     if not len(values[own]):
         return np.full((len(edges[0]) - 1, len(edges[1]) - 1), np.nan), edges[0], edges[1]
-    found = binned_statistic_2d(flat[own, 0], flat[own, 1], values[own], statistic=statistic, bins=edges)
+    found = scipy.stats.binned_statistic_2d(flat[own, 0], flat[own, 1], values[own], statistic=statistic, bins=edges)
     return np.asarray(found.statistic), edges[0], edges[1]
 
 

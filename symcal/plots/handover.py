@@ -17,8 +17,10 @@ from symcal.plots.style import (
     NARROW,
     VERMILION,
     WIDE,
+    Drawing,
     FigureLook,
     Illustration,
+    drawing,
     grid,
     print_settings,
     settle,
@@ -36,8 +38,13 @@ _CELLS = 36  # along the longer side of the area
 _MAP, _MARGIN = 58.0, 13.0  # width that a view has for itself, height of labels and title, mm
 
 
+def handover_drawings(handover: Handover) -> tuple[Drawing, ...]:
+    """The distribution of the errors with and without compensation, and where they are; still to be drawn."""
+    return drawing(compensation, handover), drawing(compensation_map, handover)
+
+
 def handover_figures(handover: Handover) -> tuple[Illustration, ...]:
-    """The distribution of the errors with and without compensation, and where they are."""
+    """Those of `handover_drawings`, drawn."""
     return compensation(handover), compensation_map(handover)
 
 

@@ -21,7 +21,7 @@ from symcal.plots.prediction import predicted_error
 from symcal.plots.remainder import remainder
 from symcal.plots.residuals import residuals_per_axis
 from symcal.plots.spectrum import singular_values
-from symcal.plots.style import Comparison, Illustration
+from symcal.plots.style import Comparison, Drawing, Illustration, drawing
 from symcal.words import MOSTLY
 
 
@@ -33,7 +33,20 @@ def identification_figures(
     check: ModelCheck | None = None,
     tolerance: Tolerance | None = None,
 ) -> tuple[Illustration, ...]:
-    """The figures that say what an identification is worth.
+    """The figures that say what an identification is worth; see `identification_drawings`."""
+    drawings = identification_drawings(calibration, data, errors, against, check, tolerance)
+    return tuple(illustration for each in drawings for illustration in each())
+
+
+def identification_drawings(
+    calibration: Calibration,
+    data: Dataset,
+    errors: Comparison,
+    against: str = "noisy measurement",
+    check: ModelCheck | None = None,
+    tolerance: Tolerance | None = None,
+) -> tuple[Drawing, ...]:
+    """The figures that say what an identification is worth, still to be drawn.
 
     Args:
         data: the measurements with their splits.
@@ -47,26 +60,25 @@ def identification_figures(
     judged = next(part for part in ("test", "cross_validation", "train") if errors.get(part))
     limit = None if tolerance is None else tolerance.limit(errors[judged]["after"].unit)
     places = held_out_places(calibration.states["after"], parts.get("test"))
-    figures = [
-        errors_per_pose(errors, labels, against),
-        error_distribution(errors[judged], judged, against=against, limit=limit),
-        *([contacts(calibration, data, places)] if has_contacts(calibration, data) else []),
-        residuals_per_axis(errors, against),
-        *image_residuals(calibration, data),
-        *([what_was_learnt(calibration), parameter_corrections(calibration)] if calibration.model.kinematic else []),
-        convergence(calibration, parts, places),
-        singular_values(calibration.after.identifiability),
-    ]
-    by_joint = None if check is None else residuals_by_joint(check, calibration.model.robot)
-    if by_joint is not None:
-        figures.append(by_joint)
-    if errors.get("truth"):
-        figures.insert(2, error_distribution(errors["truth"], "truth", name="true_error_distribution"))
-    if (calibration.after.posterior.learnt >= MOSTLY).sum() > 1:
-        figures.append(correlation_matrix(calibration.after))
+    truth = errors.get("truth")
+    kinematic = calibration.model.kinematic
+    told_apart = (calibration.after.posterior.learnt >= MOSTLY).sum() > 1
     points = any(o.instrument.gives_point for o in calibration.model.task.observations)
-    if points and errors.get("test") and "test" in parts and errors["test"]["after"].of_tool:
-        figures.append(predicted_error(calibration, parts["test"], errors["test"]["after"]))
-    if calibration.trial is not None:
-        figures.append(remainder(calibration, data))
-    return tuple(figures)
+    predicted = points and errors.get("test") and "test" in parts and errors["test"]["after"].of_tool
+    drawn: list[Drawing | None] = [
+        drawing(errors_per_pose, errors, labels, against),
+        drawing(error_distribution, errors[judged], judged, against=against, limit=limit),
+        drawing(error_distribution, truth, "truth", name="true_error_distribution") if truth else None,
+        drawing(contacts, calibration, data, places) if has_contacts(calibration, data) else None,
+        drawing(residuals_per_axis, errors, against),
+        lambda: image_residuals(calibration, data),
+        drawing(what_was_learnt, calibration) if kinematic else None,
+        drawing(parameter_corrections, calibration) if kinematic else None,
+        drawing(convergence, calibration, parts, places),
+        drawing(singular_values, calibration.after.identifiability),
+        None if check is None else drawing(residuals_by_joint, check, calibration.model.robot),
+        drawing(correlation_matrix, calibration.after) if told_apart else None,
+        drawing(predicted_error, calibration, parts["test"], errors["test"]["after"]) if predicted else None,
+        None if calibration.trial is None else drawing(remainder, calibration, data),
+    ]
+    return tuple(each for each in drawn if each is not None)

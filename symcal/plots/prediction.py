@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
-from scipy import stats
 
 from symcal.calibration.calibrate import Calibration
 from symcal.calibration.evaluate import Errors, expected_position_rms
@@ -33,7 +33,7 @@ def predicted_error(calibration: Calibration, data: Dataset, after: Errors) -> I
     expected = expected_position_rms(calibration.model, fit, data.q[poses])
     predicted = np.sqrt(expected**2 + _noise(calibration, data.take(poses), after.vectors.shape[1]) ** 2)
     components = after.vectors.shape[1] * np.bincount(np.unique(after.pose, return_inverse=True)[1])
-    limit = np.sqrt(stats.f.ppf(0.95, components, max(fit.dof, 1.0)))
+    limit = np.sqrt(scipy.special.fdtri(components, max(fit.dof, 1.0), 0.95))
     inside = realised <= predicted * limit
     with print_settings():
         figure = sheet(NARROW, 60)

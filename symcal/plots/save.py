@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
+
 from symcal.errors import InputError
 from symcal.outputs.names import file_name
+from symcal.outputs.side_by_side import side_by_side
 from symcal.outputs.whole_file import write_all_whole
-from symcal.plots import Illustration, print_settings
+from symcal.plots.style import Drawing, Illustration, print_settings
 from symcal.report.render import Picture
 
 PIXELS_PER_INCH = 150
@@ -17,6 +22,8 @@ PIXELS_PER_INCH = 150
 
 def save_figure(illustration: Illustration, folder: Path | str, truetype: bool = False) -> Picture:
     """Write an illustration as PDF and PNG; the same figure gives the same bytes.
+
+    Drawn once for each: `Figure.savefig` would draw everything once more beforehand, for a layout that stands already.
 
     Args:
         truetype: embed fonts as TrueType, as some journals ask; slower.
@@ -26,8 +33,9 @@ def save_figure(illustration: Illustration, folder: Path | str, truetype: bool =
     target = Path(folder) / f"{file_name(illustration.name)}.pdf"
     vectors, pixels = BytesIO(), BytesIO()
     with print_settings(truetype):
-        illustration.figure.savefig(vectors, format="pdf", metadata={"CreationDate": None})
-        illustration.figure.savefig(pixels, format="png", dpi=PIXELS_PER_INCH)
+        FigureCanvasPdf(illustration.figure).print_pdf(vectors, metadata={"CreationDate": None})  # type: ignore[no-untyped-call]
+        illustration.figure.dpi = PIXELS_PER_INCH
+        FigureCanvasAgg(illustration.figure).print_png(pixels)  # type: ignore[no-untyped-call]
     write_all_whole({target: vectors.getvalue(), target.parent / f"{target.stem}.png": pixels.getvalue()})
     return Picture(target, illustration.name, illustration.width_mm, illustration.title, illustration.caption)
 
@@ -38,8 +46,28 @@ def save_figures(illustrations: Iterable[Illustration], folder: Path | str) -> t
     Raises:
         InputError: they cannot be written.
     """
+    _make(folder)
+    return tuple(save_figure(illustration, folder) for illustration in illustrations)
+
+
+def draw(drawings: Sequence[Drawing], folder: Path | str) -> tuple[Picture, ...]:
+    """Draw figures and write them, into a folder that is made if there is none; two at a time where there are two cores
+    (`symcal.outputs.side_by_side`).
+
+    Raises:
+        InputError: they cannot be written.
+    """
+    _make(folder)
+    pictures = side_by_side([partial(_drawn, each, folder) for each in drawings])
+    return tuple(picture for some in pictures for picture in some)
+
+
+def _drawn(drawing: Drawing, folder: Path | str) -> tuple[Picture, ...]:
+    return tuple(save_figure(illustration, folder) for illustration in drawing())
+
+
+def _make(folder: Path | str) -> None:
     try:
         Path(folder).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"the folder of figures cannot be made: {error.strerror}", file=folder) from None
-    return tuple(save_figure(illustration, folder) for illustration in illustrations)

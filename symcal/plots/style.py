@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -82,6 +82,21 @@ class Illustration:
     @property
     def width_mm(self) -> float:
         return float(self.figure.get_figwidth() * 25.4)
+
+
+Drawing = Callable[[], Sequence[Illustration]]
+"""Figures still to be drawn, one or none as a rule: independent of one another, so that two processes can share them
+(`symcal.plots.save.draw`)."""
+
+
+def drawing(make: Callable[..., Illustration | None], *args: Any, **options: Any) -> Drawing:
+    """A figure still to be drawn; ``make`` may find that there is none."""
+
+    def drawn() -> tuple[Illustration, ...]:
+        illustration = make(*args, **options)
+        return () if illustration is None else (illustration,)
+
+    return drawn
 
 
 @dataclass(frozen=True, slots=True)

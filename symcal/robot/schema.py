@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
-from scipy.spatial.transform import Rotation
 
 from symcal import spatial
 from symcal.documents.document import Document, Key, Strict, read_document, validate
@@ -92,7 +91,7 @@ class Frame(Strict):
     def matrix(self, length: float, angle: float) -> Array:
         """T (4, 4) in mm; length and angle are mm and rad per unit of the file."""
         if self.quat_xyzw is not None:
-            rotation = Rotation.from_quat(self.quat_xyzw).as_matrix()
+            rotation = spatial.quaternion_matrices(np.asarray(self.quat_xyzw))
         else:
             rotation = spatial.rpy_matrix(np.asarray(self.rpy or [0.0, 0.0, 0.0]) * angle)
         return spatial.transform(rotation, np.asarray(self.xyz) * length)

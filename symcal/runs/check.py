@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from symcal.calibration.results import observation_facts, unknown_words
+from symcal.calibration.observation_facts import observation_facts, unknown_words
 from symcal.data.conditions import condition_columns
 from symcal.fit.identifiability import Identifiability, analyse, numerical_rank
 from symcal.joints.payload import PAYLOAD
@@ -229,7 +229,7 @@ def _somewhere(model: Model, rng: np.random.Generator) -> tuple[Setup, Array]:
 
 def _anywhere(place: Place, rng: np.random.Generator) -> Array:
     size = 100.0 if place.moves else 1500.0
-    turn = Rotation.random(rng=rng).as_matrix()
+    turn = scipy.spatial.transform.Rotation.random(rng=rng).as_matrix()
     return transform(turn, rng.uniform(0.3, 1.0, 3) * size * rng.choice([-1.0, 1.0], 3))
 
 

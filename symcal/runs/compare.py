@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from symcal.calibration import results
 from symcal.calibration.robot_difference import RobotDifference, robot_difference
@@ -251,7 +250,7 @@ def _write(content: Mapping[str, Any], out: Path, inputs: Sequence[Path], progre
         write_json(folder / "results.json", content)
         (folder / "tables").mkdir()
         for name, rows in _tables(content).items():
-            write_table(folder / "tables" / f"{name}.csv", pd.DataFrame(rows))
+            write_table(folder / "tables" / f"{name}.csv", rows)
         progress("drawing")
         (folder / "figures").mkdir()
         save_figure(comparison(content), folder / "figures")

@@ -5,35 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.calibration.candidates import terms_named
-from symcal.calibration.compensation_check import true_robot
-from symcal.calibration.extend import with_terms
-from symcal.calibration.simulate import concatenate, simulate
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, FileData, ImagesData, RenderedData, SimulatedData
 from symcal.data.dataset import Dataset, merged, with_random_test
 from symcal.data.measurement_file import load_measurements
 from symcal.documents.document import Document, Key
 from symcal.errors import InputError, RefusedError
-from symcal.images.entries import EntryImages, measure_entry
-from symcal.images.rendered_boards import RenderedBoards, render_boards
-from symcal.images.shots import read_shots
-from symcal.instruments.noise import Noise
-from symcal.model.contact import constraints, contact_postures
 from symcal.model.model import Model
 from symcal.model.observation import Observation
-from symcal.planning.area import WorkingArea, draw
-from symcal.planning.constraints import feasible
-from symcal.planning.drive_plan import Planned
-from symcal.planning.plan_constraints import asked_view
-from symcal.planning.visibility import within_limits
 from symcal.robot.robot import Robot
-from symcal.runs.camera import image_files
 from symcal.runs.load import Experiment
+
+if TYPE_CHECKING:
+    from symcal.images.entries import EntryImages
+    from symcal.images.rendered_boards import RenderedBoards
+    from symcal.planning.drive_plan import Planned
 
 Progress = Callable[[str], None]
 
@@ -75,8 +66,12 @@ def measurements(
     """
     source = file.data
     if isinstance(source, SimulatedData) and data is None:
-        return _simulated(file, source, document, model, rng, planned)
+        from symcal.runs.simulated import simulated_data
+
+        return simulated_data(file, source, document, model, rng, planned)
     if isinstance(source, RenderedData) and data is None:
+        from symcal.images.rendered_boards import render_boards
+
         poses = None if planned is None else planned.plan.poses
         drawn = render_boards(file, source, document, model, rng, progress, poses)
         entries = (drawn.entry,)
@@ -168,6 +163,10 @@ def _measured(
     o: Observation, source: ImagesData, document: Document, key: Key, model: Model, progress: Progress
 ) -> tuple[EntryImages, Path]:
     """What one instrument reads in its images, and the file of their joint readings."""
+    from symcal.images.entries import measure_entry
+    from symcal.images.shots import read_shots
+    from symcal.runs.camera import image_files
+
     joints = config.existing(document, source.joints, (*key, "joints"), "file of joint readings")
     try:
         files = image_files([document.resolve(path, (*key, "files")) for path in source.listed])
@@ -203,38 +202,3 @@ def _read(o: Observation, source: FileData, path: Path, model: Model) -> Dataset
         alone=len(model.task.observations) == 1,
         name=o.name,
     )
-
-
-def _simulated(
-    file: ExperimentFile,
-    source: SimulatedData,
-    document: Document,
-    model: Model,
-    rng: np.random.Generator,
-    planned: Planned | None,
-) -> MeasuredData:
-    lower, upper = config.area_of(file, document, model.robot)
-    true_model = with_terms(model, terms_named(model.robot, source.truth.errors))
-    units = dict(zip(true_model.parameters.names, true_model.parameters.units, strict=True))
-    truth = config.truth_of(source, file, document, dict(units), rng)
-    noise = config.noise_of(file, source, model.task.observations)
-    limits = within_limits(model, asked_view(file))
-    seen = feasible(limits) if limits else None  # nobody measures where nothing is seen
-
-    def uniform(count: int) -> Array:
-        return rng.uniform(lower, upper, (count, len(lower)))
-
-    def anywhere(count: int) -> Array:
-        if constraints(model.measurement):
-            return contact_postures(model, count, uniform, (lower, upper), seen)
-        return uniform(count) if seen is None else draw(WorkingArea(lower, upper), rng, count, seen)
-
-    random = anywhere(file.plan.poses)
-    train = simulate(true_model, truth, random if planned is None else planned.plan.poses, noise, rng)
-    robot = true_robot(true_model, truth)
-    if not source.test_poses:
-        return MeasuredData(train, truth=robot)
-    q = anywhere(source.test_poses)
-    test = simulate(true_model, truth, q, noise, rng, "test")
-    exact = simulate(true_model, truth, q, Noise(), rng, "test")
-    return MeasuredData(concatenate(train, test), truth=robot, exact=exact)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,6 @@ from symcal.calibration import results
 from symcal.calibration.calibrate import Calibration, baseline_model
 from symcal.calibration.claims import extrapolation, optimism, worse
 from symcal.calibration.compare import compare, cross_validate
-from symcal.calibration.compensation_check import POSES, Handover, hand_over
 from symcal.calibration.evaluate import Errors, evaluate_each, expected_position_rms, judging
 from symcal.calibration.extend import calibrate_extended, planned_model, shrinking, with_directions
 from symcal.calibration.extension_facts import extension_facts
@@ -25,19 +24,20 @@ from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, RenderedData, SimulatedData
 from symcal.data.dataset import Dataset
 from symcal.errors import InputError, RefusedError
-from symcal.export.results import correction_facts, handover_facts
-from symcal.images.entries import EntryImages
-from symcal.images.facts import camera_facts, point_facts
-from symcal.images.rendered_boards import RenderedBoards
-from symcal.images.run import AGAINST, ERROR, ImageRun, run_images
-from symcal.planning.drive_plan import Planned, find_plan, plan_generator
+from symcal.export.results import correction_facts
 from symcal.planning.forecast_check import forecast_check
-from symcal.planning.plan_problem import plan_problem
 from symcal.robot.robot import Robot
 from symcal.runs.check import parallel_axes
 from symcal.runs.data import measurements
 from symcal.runs.judged import area_of, decided, judge_test_poses, with_check, with_halves
 from symcal.runs.load import Experiment
+
+if TYPE_CHECKING:
+    from symcal.calibration.compensation_check import Handover
+    from symcal.images.entries import EntryImages
+    from symcal.images.rendered_boards import RenderedBoards
+    from symcal.images.run import ImageRun
+    from symcal.planning.drive_plan import Planned
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -130,10 +130,16 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     content["remainder"] = remainder_facts(calibration, np.random.default_rng(experiment.seed), area_of(experiment))
     calibration = decided(content, calibration, measured, errors, experiment)
     content["controller"] = correction_facts(calibration.robot)
-    content["compensation"] = None if handover is None else handover_facts(handover)
+    content["compensation"] = None
+    if handover is not None:
+        from symcal.export.results import handover_facts
+
+        content["compensation"] = handover_facts(handover)
     if found.images:
         content["measured_images"] = {entry.name: entry.facts for entry in found.images}
     if found.rendered is not None:
+        from symcal.images.facts import camera_facts, point_facts
+
         content["camera"] = camera_facts(found.rendered.calibration, found.rendered.lens)
         content["measured_images"][found.images[0].name] |= point_facts(found.rendered.error_px)
     return Outcome(
@@ -173,6 +179,9 @@ def _spelling(file: ExperimentFile) -> list[str]:
 
 def _with_images(experiment: Experiment, progress: Progress) -> Outcome:
     """A simulated measurement with a camera, judged against the truth."""
+    from symcal.export.results import handover_facts
+    from symcal.images.run import AGAINST, ERROR, run_images
+
     own = (experiment.file, experiment.document, experiment.model, experiment.options)
     found = run_images(*own, experiment.seed, progress)
     calibration = found.calibration
@@ -206,6 +215,8 @@ def _with_images(experiment: Experiment, progress: Progress) -> Outcome:
 
 def _handover(experiment: Experiment, calibration: Calibration, truth: Robot, rng: np.random.Generator) -> Handover:
     """Commands over the working area, executed by the true robot."""
+    from symcal.calibration.compensation_check import POSES, hand_over
+
     (own,) = rng.spawn(1)
     lower, upper = config.area_of(experiment.file, experiment.document, experiment.robot)
     joints = own.uniform(lower, upper, (POSES, len(lower)))
@@ -219,6 +230,9 @@ def plan_of(experiment: Experiment, progress: Progress) -> Planned | None:
     wanted = experiment.file.plan
     if not isinstance(experiment.file.data, SimulatedData | RenderedData) or wanted.method is None:
         return None
+    from symcal.planning.drive_plan import find_plan, plan_generator
+    from symcal.planning.plan_problem import plan_problem
+
     progress("planning")
     rng = plan_generator(experiment.seed)
     model = planned_model(experiment.model, experiment.file.identification.groups)

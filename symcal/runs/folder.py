@@ -8,16 +8,13 @@ import stat
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from symcal.errors import InputError, RefusedError
-from symcal.export.c import is_built
+from symcal.outputs.csv_text import Rows, csv_text
 from symcal.outputs.manifest import MANIFEST, foreign_files, has_manifest, write_manifest
 from symcal.outputs.whole_file import write_whole
 from symcal.outputs.whole_folder import absolute, recover, whole_folder
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 CODE = "c"
 """Where the C code is in a run's folder."""
@@ -119,17 +116,19 @@ def _refuse_foreign(folder: Path, shown: Path) -> None:
 
 def _made_from_code(path: str) -> bool:
     """Whether `make` in a run's folder of C code made a file."""
+    from symcal.export.c import is_built
+
     folder, _, name = path.partition("/")
     return folder == CODE and is_built(name)
 
 
-def write_table(path: Path, table: pd.DataFrame) -> None:
-    """Write a table as CSV.
+def write_table(path: Path, rows: Rows, columns: Iterable[str] | None = None) -> None:
+    """Write a table as CSV; see `symcal.outputs.csv_text`.
 
     Raises:
         InputError: the file cannot be written.
     """
-    write_whole(path, table.to_csv(index=False))
+    write_whole(path, csv_text(rows, columns))
 
 
 def write_json(path: Path, data: Mapping[str, Any]) -> None:

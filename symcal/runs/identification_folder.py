@@ -5,24 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from symcal.config import conversion as config
 from symcal.config.conversion import FileData
 from symcal.data.saved_measurements import save_measurements
 from symcal.documents.document import write_document
-from symcal.images.entries import measured_head
-from symcal.images.files import write_images
 from symcal.model.contact import constraints, touched_names
 from symcal.outputs.names import file_names
-from symcal.planning.plan_file import write_plan
 from symcal.robot.files import save_robot
 from symcal.robot.robot import Robot
-from symcal.runs.code import with_code
 from symcal.runs.experiment import Outcome, Progress, identify_experiment
 from symcal.runs.folder import require_replaceable, run_folder, write_json, write_table
 from symcal.runs.load import Experiment, named_files
-from symcal.runs.tables import tables
+from symcal.runs.tables import HEADS, tables
+
+if TYPE_CHECKING:
+    from symcal.plots.style import Drawing
 
 
 def write_identification(
@@ -45,12 +44,16 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
     """
     experiment, calibration = outcome.experiment, outcome.calibration
     if experiment.file.outputs.c:
+        from symcal.runs.code import with_code
+
         progress("exporting C")
         outcome = replace(outcome, content=with_code(outcome.content, calibration.robot, folder, experiment.seed))
     write_json(folder / "results.json", outcome.content)
     save_robot(_with_provenance(outcome), folder / "calibrated.yaml")
     _save_measurements(outcome, folder)
     if outcome.planned is not None:
+        from symcal.planning.plan_file import write_plan
+
         motion = outcome.planned.motion if outcome.planned.timed else None
         poses, model = outcome.planned.plan.poses, experiment.model
         touches = touched_names(model.measurement, model.setup, poses) if constraints(model.measurement) else None
@@ -58,50 +61,73 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
     resolved = config.resolved(experiment.file, experiment.document, folder)
     write_document(folder / "experiment.resolved.yaml", resolved | {"seed": experiment.seed})
     (folder / "tables").mkdir()
-    for name, table in tables(outcome.content, calibration, outcome.data, outcome.errors).items():
-        write_table(folder / "tables" / f"{name}.csv", table)
-    if outcome.images is not None and outcome.images.images is not None:
-        write_images(outcome.images.images.camera, outcome.images.images.examples, folder)
-    if outcome.rendered is not None:
-        write_images(outcome.rendered.calibration, outcome.rendered.entry.examples, folder)
+    for name, rows in tables(outcome.content, calibration, outcome.data, outcome.errors).items():
+        write_table(folder / "tables" / f"{name}.csv", rows, HEADS.get(name))
+    _write_images(outcome, folder)
     if not (experiment.file.outputs.figures or experiment.file.outputs.report):
         return outcome
-    from symcal.images.figures import example_images, image_figures
-    from symcal.plots import identification_figures
-    from symcal.plots.extension import beyond_geometry
-    from symcal.plots.halves import halves_map
-    from symcal.plots.handover import handover_figures
-    from symcal.plots.save import save_figures
+    from symcal.plots.save import draw
     from symcal.report import write_report
 
     progress("drawing")
-    against, check = outcome.content["against"], outcome.check
-    tolerance = config.tolerance_of(experiment.file)
-    illustrations = identification_figures(calibration, outcome.data, outcome.errors, against, check, tolerance)
-    if outcome.content.get("extension"):
-        illustrations += (beyond_geometry(outcome.content["extension"]),)
-    if outcome.halves is not None:
-        halves = outcome.halves
-        what = f"two halves of the training poses, {halves.division.said} and identified apart,"
-        illustrations += (halves_map(halves.apart, what, "Two halves"),)
-    if outcome.handover is not None:
-        illustrations += handover_figures(outcome.handover)
-    if outcome.images is not None:
-        illustrations += image_figures(outcome.images)
-    examples = [example for entry in outcome.measured_in for example in entry.examples]
-    if examples:
-        illustrations += (example_images(examples),)
-    pictures = save_figures(illustrations, folder / "figures")
+    pictures = draw(_drawings(outcome), folder / "figures")
     if experiment.file.outputs.report:
         progress("writing the report")
         write_report(outcome.content, pictures, folder / "report.pdf")
     return outcome
 
 
+def _drawings(outcome: Outcome) -> tuple[Drawing, ...]:
+    """The figures of the run's report, in its order."""
+    from symcal.images.figures import example_images, image_figures
+    from symcal.plots.extension import beyond_geometry
+    from symcal.plots.halves import halves_map
+    from symcal.plots.handover import handover_drawings
+    from symcal.plots.identification import identification_drawings
+    from symcal.plots.style import drawing
+
+    content, own = outcome.content, (outcome.calibration, outcome.data, outcome.errors)
+    drawings = identification_drawings(
+        *own, content["against"], outcome.check, config.tolerance_of(outcome.experiment.file)
+    )
+    if content.get("extension"):
+        drawings += (drawing(beyond_geometry, content["extension"]),)
+    if outcome.halves is not None:
+        halves = outcome.halves
+        what = f"two halves of the training poses, {halves.division.said} and identified apart,"
+        drawings += (drawing(halves_map, halves.apart, what, "Two halves"),)
+    if outcome.handover is not None:
+        drawings += handover_drawings(outcome.handover)
+    images = outcome.images
+    if images is not None:
+        drawings += (lambda: image_figures(images),)
+    examples = [example for entry in outcome.measured_in for example in entry.examples]
+    if examples:
+        drawings += (drawing(example_images, examples),)
+    return drawings
+
+
+def _write_images(outcome: Outcome, folder: Path) -> None:
+    """The camera and some images, of rendered ones."""
+    images = None if outcome.images is None else outcome.images.images
+    if images is None and outcome.rendered is None:
+        return
+    from symcal.images.files import write_images
+
+    if images is not None:
+        write_images(images.camera, images.examples, folder)
+    if outcome.rendered is not None:
+        write_images(outcome.rendered.calibration, outcome.rendered.entry.examples, folder)
+
+
 def _save_measurements(outcome: Outcome, folder: Path) -> None:
     """One file, or one for each instrument in a folder; of images with what was not measured in the file's head."""
     data, robot = outcome.data, outcome.experiment.robot
-    heads = {entry.data.only.name: measured_head(entry.measured) for entry in outcome.measured_in}
+    heads: dict[str, tuple[str, ...]] = {}
+    if outcome.measured_in:
+        from symcal.images.entries import measured_head
+
+        heads = {entry.data.only.name: measured_head(entry.measured) for entry in outcome.measured_in}
     if len(data.of) == 1:
         save_measurements(data, robot, folder / "measurements.csv", heads.get(data.only.name, ()))
         return

@@ -7,13 +7,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from symcal.calibration import results
 from symcal.calibration.extend import planned_model
 from symcal.config import conversion as config
 from symcal.documents.document import write_document
 from symcal.documents.table import read_table
+from symcal.outputs.csv_text import rows_of
 from symcal.outputs.names import file_name
 from symcal.planning.plan_file import write_plan, write_waypoints
 from symcal.planning.plan_study import PlanStudy, find
@@ -126,12 +125,12 @@ def write(outcome: PlanOutcome, folder: Path, progress: Progress) -> None:
         _write_choice(outcome, folder / "tables" / "candidates.csv")
     if not (experiment.file.outputs.figures or experiment.file.outputs.report):
         return
-    from symcal.plots.plan import plan_figures
-    from symcal.plots.save import save_figures
+    from symcal.plots.plan import plan_drawings
+    from symcal.plots.save import draw
     from symcal.report import write_report
 
     progress("drawing")
-    pictures = save_figures(plan_figures(found), folder / "figures")
+    pictures = draw(plan_drawings(found), folder / "figures")
     if experiment.file.outputs.report:
         progress("writing the report")
         write_report(outcome.content, pictures, folder / "report.pdf", "plan")
@@ -141,8 +140,8 @@ def _write_choice(outcome: PlanOutcome, path: Path) -> None:
     """The file of candidates with a column `split`: `train` for the chosen ones, `test` for the rest."""
     document, plan = outcome.experiment.document, outcome.experiment.file.plan
     table = read_table(document.resolve(str(plan.candidates), ("plan", "candidates")))
-    frame = pd.DataFrame(table.rows, columns=list(table.columns))
     names = table.text("pose") if "pose" in table.columns else [str(i + 1) for i in range(len(table))]
     chosen = set(outcome.findings.planned.names)
-    frame["split"] = ["train" if name in chosen else "test" for name in names]
-    write_table(path, frame)
+    columns = {name: table.text(name) for name in table.columns}
+    columns["split"] = ["train" if name in chosen else "test" for name in names]
+    write_table(path, rows_of(columns))

@@ -9,7 +9,6 @@ from typing import Any
 from symcal.outputs.names import file_name
 from symcal.runs.identification_folder import write_identification
 from symcal.runs.load import load
-from symcal.runs.study import write_study
 
 Progress = Callable[[str], None]
 
@@ -34,5 +33,7 @@ def run(
     experiment = load(path, seed=seed, overrides=overrides)
     target = out or Path("reports") / file_name(experiment.file.name)
     if experiment.file.study is not None and study:
+        from symcal.runs.study import write_study
+
         return target, write_study(experiment, target, progress)
     return target, write_identification(experiment, target, data=data, progress=progress)

@@ -17,7 +17,7 @@ from symcal.calibration.judgement import decide_run, decided_robot
 from symcal.config import conversion as config
 from symcal.data.saved_measurements import save_measurements
 from symcal.documents.document import write_document
-from symcal.export.corrections import corrections
+from symcal.export.corrections import COLUMNS, correction_rows
 from symcal.export.results import correction_facts, handover_facts
 from symcal.paper.content import study_content
 from symcal.paper.results import Study
@@ -121,19 +121,19 @@ def write(outcome: StudyOutcome, folder: Path, progress: Progress = lambda _: No
     tables.mkdir()
     for name, table in study_tables(study).items():
         write_table(tables / f"{name}.csv", table)
-    write_table(tables / "corrections.csv", corrections(calibrated))
+    write_table(tables / "corrections.csv", correction_rows(calibrated), COLUMNS)
     for name, plan in study.plans.items():
         write_plan(tables / f"plan_{name}.csv", robot, plan.poses, plan.motion)
         write_waypoints(tables / f"waypoints_{name}.csv", robot, plan.motion)
     if not (experiment.file.outputs.figures or experiment.file.outputs.report):
         return outcome
-    from symcal.paper.plots import study_figures
+    from symcal.paper.plots import study_drawings
     from symcal.paper.report import write_paper_report
-    from symcal.plots.handover import handover_figures
-    from symcal.plots.save import save_figures
+    from symcal.plots.handover import handover_drawings
+    from symcal.plots.save import draw
 
     progress("drawing")
-    pictures = save_figures((*study_figures(study), *handover_figures(outcome.handover)), folder / "figures")
+    pictures = draw((*study_drawings(study), *handover_drawings(outcome.handover)), folder / "figures")
     if experiment.file.outputs.report:
         progress("writing the report")
         write_paper_report(outcome.content, pictures, folder / "report.pdf")

@@ -7,54 +7,55 @@ from dataclasses import fields
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from symcal.calibration.calibrate import Calibration
 from symcal.calibration.evaluate import Errors
 from symcal.calibration.outliers import Outlier
 from symcal.data.dataset import Dataset
-from symcal.export.corrections import corrections
+from symcal.export.corrections import COLUMNS, correction_rows
+from symcal.outputs.csv_text import Rows
+
+HEADS = {"outliers": tuple(column.name for column in fields(Outlier)), "corrections": COLUMNS}
+"""Columns of tables that may have no rows."""
 
 _MANY = 12  # points of a target, beyond which people want to see poses
 
 
 def tables(
     content: Mapping[str, Any], calibration: Calibration, data: Dataset, errors: Mapping[str, Mapping[str, Errors]]
-) -> dict[str, pd.DataFrame]:
+) -> dict[str, Rows]:
     """Parameters, accuracy, errors per observation (per pose of targets with many points), correlation, outliers, the
     corrections as a controller asks for them, what residuals were tested for, and halves of the training poses.
 
     Args:
         content: of results.json. errors: by data (`train`, `test`) and state.
     """
-    parameters = pd.DataFrame(
-        [{"parameter": name, **entry} for name, entry in content["identification"]["parameters"].items()]
-    )
-    accuracy = pd.DataFrame(
-        [
-            {"data": data, "state": state, "quantity": quantity, **values}
-            for data, states in content["accuracy"].items()
-            for state, quantities in states.items()
-            if isinstance(quantities, dict)
-            for quantity, values in quantities.items()
-        ]
-    )
+    parameters = [{"parameter": name, **entry} for name, entry in content["identification"]["parameters"].items()]
+    accuracy = [
+        {"data": data, "state": state, "quantity": quantity, **values}
+        for data, states in content["accuracy"].items()
+        for state, quantities in states.items()
+        if isinstance(quantities, dict)
+        for quantity, values in quantities.items()
+    ]
     known, halves = calibration.after.posterior, content.get("halves") or {}
-    matrix = pd.DataFrame(known.correlation(), columns=list(known.names))
-    matrix.insert(0, "parameter", list(known.names))
+    matrix = [
+        {"parameter": name, **dict(zip(known.names, row, strict=True))}
+        for name, row in zip(known.names, known.correlation().tolist(), strict=True)
+    ]
     return {
         "parameters": parameters,
         "accuracy": accuracy,
         "errors": _error_table(data, errors),
         "correlation": matrix,
-        "outliers": pd.DataFrame(content["outliers"], columns=[column.name for column in fields(Outlier)]),
-        "corrections": corrections(calibration.robot),
-        **({"model_check": pd.DataFrame(content["model_check"]["tests"])} if "model_check" in content else {}),
-        **({"halves": pd.DataFrame(halves["divisions"])} if halves.get("divisions") else {}),
+        "outliers": content["outliers"],
+        "corrections": correction_rows(calibration.robot),
+        **({"model_check": content["model_check"]["tests"]} if "model_check" in content else {}),
+        **({"halves": halves["divisions"]} if halves.get("divisions") else {}),
     }
 
 
-def _error_table(data: Dataset, errors: Mapping[str, Mapping[str, Errors]]) -> pd.DataFrame:
+def _error_table(data: Dataset, errors: Mapping[str, Mapping[str, Errors]]) -> list[dict[str, object]]:
     features = data.of[0].features if len(data.of) == 1 else ()
     rows: list[dict[str, object]] = []
     for split in ("train", "test"):
@@ -68,7 +69,7 @@ def _error_table(data: Dataset, errors: Mapping[str, Mapping[str, Errors]]) -> p
                 row: dict[str, object] = {"data": split, "state": state, "pose": labels[found.pose[at]]}
                 point = features[found.point[at]] if features and found.point.max() else ""
                 rows.append(row | ({"points": shown.pop("points")} if many else {"point": point}) | shown)
-    return pd.DataFrame(rows)
+    return rows
 
 
 def _by_reading(found: Errors) -> Iterator[tuple[int, dict[str, float]]]:

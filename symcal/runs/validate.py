@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import pandas as pd
 
 from symcal.calibration import results
 from symcal.calibration.again import Again
@@ -28,6 +27,7 @@ from symcal.fit.estimation import Options
 from symcal.model.model import Model, State, build_model
 from symcal.model.observation import Observation
 from symcal.model.task import Task
+from symcal.outputs.csv_text import Rows
 from symcal.robot.files import load_robot
 from symcal.robot.robot import Robot
 from symcal.runs.folder import require_replaceable, run_folder, write_json, write_table
@@ -256,11 +256,9 @@ def _draw(second: Again, folder: Path) -> None:
     save_figures([halves_map(second.apart, what, "Two calibrations")], folder)
 
 
-def _table(errors: dict[str, Errors], labels: tuple[str, ...]) -> pd.DataFrame:
-    return pd.DataFrame(
-        [
-            {"state": state, "pose": labels[found.pose[k]], found.key: norm}
-            for state, found in errors.items()
-            for k, norm in enumerate(found.size)
-        ]
-    )
+def _table(errors: dict[str, Errors], labels: tuple[str, ...]) -> Rows:
+    return [
+        {"state": state, "pose": labels[found.pose[k]], found.key: norm}
+        for state, found in errors.items()
+        for k, norm in enumerate(found.size)
+    ]

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from symcal.instruments.noise import Noise
 from symcal.paper import published
-from symcal.paper.plots import study_figures
+from symcal.paper.plots import study_drawings
 from symcal.paper.plots.looks import PLANS
 from symcal.paper.printed import printed_tables
 from symcal.paper.report import paper_text, write_paper_report
@@ -25,7 +25,7 @@ from symcal.paper.report.blocks import at_least, percent
 from symcal.paper.report.verdict import study_verdict
 from symcal.paper.results import Study
 from symcal.paper.surroundings import mean_norm
-from symcal.plots.save import save_figures
+from symcal.plots.save import draw
 from symcal.report import Picture
 from symcal.runs.load import load
 from symcal.runs.study import StudyOutcome, study_experiment
@@ -61,7 +61,7 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def pictures(study: Study, tmp_path_factory: pytest.TempPathFactory) -> tuple[Picture, ...]:
-    return save_figures(study_figures(study), tmp_path_factory.mktemp("paper") / "figures")
+    return draw(study_drawings(study), tmp_path_factory.mktemp("paper") / "figures")
 
 
 @pytest.fixture(scope="module")

@@ -9,24 +9,24 @@ from symcal.paper.plots.trajectory import joint_motion, test_data, trajectories
 from symcal.paper.plots.unseen import spectra, spreads
 from symcal.paper.plots.vision import vision
 from symcal.paper.results import Study
-from symcal.plots.style import Illustration
+from symcal.plots.style import Drawing, drawing
 
 
-def study_figures(study: Study) -> tuple[Illustration, ...]:
-    """All figures of the study, in the order of its report."""
+def study_drawings(study: Study) -> tuple[Drawing, ...]:
+    """All figures of the study, in the order of its report; still to be drawn."""
     return (
-        measured_errors(study),
-        true_errors(study),
-        vision(study, "paper_ga"),
-        trajectories(study, ("certified", "paper_ga")),
-        joint_motion(study, ("certified", "paper_ga")),
-        convergence(study),
-        test_data(study),
-        test_errors(study, ("paper_ga", "random", "certified")),
-        spectra(study),
-        spreads(study),
-        fitness_readings(study),
+        drawing(measured_errors, study),
+        drawing(true_errors, study),
+        drawing(vision, study, "paper_ga"),
+        drawing(trajectories, study, ("certified", "paper_ga")),
+        drawing(joint_motion, study, ("certified", "paper_ga")),
+        drawing(convergence, study),
+        drawing(test_data, study),
+        drawing(test_errors, study, ("paper_ga", "random", "certified")),
+        drawing(spectra, study),
+        drawing(spreads, study),
+        drawing(fitness_readings, study),
     )
 
 
-__all__ = ["study_figures"]
+__all__ = ["study_drawings"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,22 +22,76 @@ from symcal.robot.robot import Robot
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class Model:
-    """The compiled measurement model of a task; made once, used for every fit.
+@dataclass(frozen=True)
+class Kernels:
+    """What a measurement needs at many postures, each compiled when it is first asked for: an identification needs few.
 
     residuals: one per observation, see `symcal.model.measurement.Part`.
     """
 
+    measurement: Measurement
+
+    @cached_property
+    def residuals(self) -> tuple[RowKernel, ...]:
+        return tuple(rows_kernel(part) for part in self.measurement.parts)
+
+    @cached_property
+    def accuracy(self) -> BatchFunction | Assembled:
+        return errors_kernel(self.measurement)
+
+    @cached_property
+    def jacobian(self) -> BatchFunction | Assembled:
+        return slopes_kernel(self.measurement)
+
+    @cached_property
+    def flange(self) -> BatchFunction:
+        return batch_function(forward(self.measurement.chain), evaluations=0)
+
+    @cached_property
+    def points(self) -> BatchFunction:
+        return batch_function(self.measurement.points, evaluations=0)
+
+
+@dataclass(frozen=True)
+class Model:
+    """The measurement model of a task; made once, used for every fit.
+
+    setup: where things nominally are.
+    """
+
     task: Task
     robot: Robot
-    measurement: Measurement
-    residuals: tuple[RowKernel, ...]
-    accuracy: BatchFunction | Assembled
-    jacobian: BatchFunction | Assembled
-    flange: BatchFunction
+    kernels: Kernels
     setup: Setup
-    points: BatchFunction
+
+    @property
+    def measurement(self) -> Measurement:
+        return self.kernels.measurement
+
+    @property
+    def residuals(self) -> tuple[RowKernel, ...]:
+        """See `Kernels`."""
+        return self.kernels.residuals
+
+    @property
+    def accuracy(self) -> BatchFunction | Assembled:
+        """(q, x, setup, z) -> what is judged, see `Measurement.accuracy`."""
+        return self.kernels.accuracy
+
+    @property
+    def jacobian(self) -> BatchFunction | Assembled:
+        """(q, x, setup) -> J at zero residual, see `Measurement.jacobian`."""
+        return self.kernels.jacobian
+
+    @property
+    def flange(self) -> BatchFunction:
+        """(q, x, frames) -> the tool's pose and Jacobians, see `symcal.kinematics.forward`."""
+        return self.kernels.flange
+
+    @property
+    def points(self) -> BatchFunction:
+        """(q, x, setup) -> what of the robot is measured, see `Measurement.points`."""
+        return self.kernels.points
 
     @property
     def parameters(self) -> ParameterSet:
@@ -48,24 +103,24 @@ class Model:
         (only,) = self.residuals
         return only
 
-    @property
+    @cached_property
     def kinematic(self) -> tuple[str, ...]:
         """Parameters of links and joint terms that may be identified."""
         return tuple(name for name in self.robot.parameters if name not in self.task.fix)
 
-    @property
+    @cached_property
     def offsets(self) -> tuple[str, ...]:
         """Zero offsets of the joints."""
         wanted = {zero_name(j.revolute, i) for i, j in enumerate(self.robot.joints, start=1)}
         return tuple(name for name in self.kinematic if name in wanted)
 
-    @property
+    @cached_property
     def placement(self) -> tuple[str, ...]:
         """Parameters of frames, points and instruments that are estimated."""
         links = self.robot.parameters
         return tuple(name for name in self.parameters.names if name not in links and name not in self.task.fix)
 
-    @property
+    @cached_property
     def frames(self) -> tuple[str, ...]:
         """The placement without the numbers of a camera, which come from its calibration."""
         calibrated = {
@@ -108,19 +163,9 @@ def build_model(robot: Robot, task: Task) -> Model:
             raise InputError("no such parameter to fix", key="identification.fix", found=name, allowed=parameters.names)
     parameters = parameters.with_scales(task.scales).with_priors(task.priors)
     symbolic = chain(robot, parameters)
-    measurement = observe(chain(robot, parameters, conditions=True), *task.observations, values=task.values)
-    measurement = replace(measurement, chain=symbolic)
-    return Model(
-        task=task,
-        robot=robot,
-        measurement=measurement,
-        residuals=tuple(rows_kernel(part) for part in measurement.parts),
-        accuracy=errors_kernel(measurement),
-        jacobian=slopes_kernel(measurement),
-        flange=batch_function(forward(symbolic), evaluations=0),
-        setup=nominal_setup(robot, task),
-        points=batch_function(measurement.points, evaluations=0),
-    )
+    under = chain(robot, parameters, conditions=True) if robot.conditions else symbolic
+    measurement = replace(observe(under, *task.observations, values=task.values), chain=symbolic)
+    return Model(task, robot, Kernels(measurement), nominal_setup(robot, task))
 
 
 def nominal_setup(robot: Robot, task: Task) -> Setup:

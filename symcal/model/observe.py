@@ -22,7 +22,7 @@ import numpy as np
 from symcal import kinematics
 from symcal.kinematics import Chain
 from symcal.model.facing import limits_of, margins_of
-from symcal.model.measurement import Group, Measurement, Part
+from symcal.model.measurement import Expressions, Group, Measurement, Part
 from symcal.model.observation import Observation
 from symcal.model.staged_kernel import StagedKernel, staged_kernel
 from symcal.model.stages import stages
@@ -41,13 +41,13 @@ def observe(chain: Chain, *observations: Observation, values: tuple[Observation,
     """
     scene = Symbols.of(chain, (*observations, *values))
     state = {"q": chain.q, "x": chain.x, "setup": scene.setup}
-    every = _Expressions()
+    every = _Gathered()
     readings = components = errors = 0
     parts: list[Part] = []
     groups: list[Group] = []
     everything: list[SX] = []
     for i, observation in enumerate(observations):
-        kind, own = observation.instrument, _Expressions()
+        kind, own = observation.instrument, _Gathered()
         for feature in () if observation.staged else scene.features(observation):
             own.add(observation, feature, scene.growth)
         size = sum(quantity.size for quantity in kind.quantities)
@@ -69,18 +69,19 @@ def observe(chain: Chain, *observations: Observation, values: tuple[Observation,
         every.extend(own)
         readings, components, errors = readings + width, components + m, errors + judged + turned
     n = len(chain.parameters)
-    z = _stacked(every.z)
     where = scene.robot_points(observations)
     return Measurement(
         chain=chain,
         parts=tuple(parts),
         groups=_together(groups),
         points_called=tuple(scene.coordinates),
-        predict=kinematics.function("predict", state, {"h": _stacked(every.readings)}),
-        jacobian=kinematics.function("planned", state, {"J": _stacked(every.planned, n)}),
-        accuracy=kinematics.function("accuracy", state | {"z": z}, {"e": _stacked(everything)}),
-        points=kinematics.function(
-            "points", state, {"p": ca.vertcat(*(p for p, _ in where)), "J": ca.vertcat(*(j for _, j in where))}
+        expressions=Expressions(
+            state,
+            z=_stacked(every.z),
+            readings=_stacked(every.readings),
+            planned=_stacked(every.planned, n),
+            judged=_stacked(everything),
+            points=(ca.vertcat(*(p for p, _ in where)), ca.vertcat(*(j for _, j in where))),
         ),
         growth=scene.slope,
         known=values,
@@ -88,7 +89,7 @@ def observe(chain: Chain, *observations: Observation, values: tuple[Observation,
     )
 
 
-def _contact(name: str, state: dict[str, SX], own: _Expressions) -> ca.Function:
+def _contact(name: str, state: dict[str, SX], own: _Gathered) -> ca.Function:
     """How far a posture is from a constraint, how that changes with the joints, and where the point is."""
     c = ca.vertcat(*own.readings)
     return kinematics.function(name, state, {"c": c, "G": ca.jacobian(c, state["q"]), "p": ca.vertcat(*own.points)})
@@ -97,7 +98,7 @@ def _contact(name: str, state: dict[str, SX], own: _Expressions) -> ca.Function:
 def _value(scene: Symbols, name: str, observation: Observation, state: dict[str, SX]) -> ca.Function:
     """(q, x, setup) -> residual of a known value over its noise, and its Jacobian; q is of no account."""
     assert observation.value is not None
-    kind, rows = observation.instrument, _Expressions()
+    kind, rows = observation.instrument, _Gathered()
     for feature in scene.features(observation):
         rows.add(observation, feature, None)
     sigma = np.concatenate([np.full(q.size, observation.noise[q.noise]) for q in kind.quantities])
@@ -107,7 +108,7 @@ def _value(scene: Symbols, name: str, observation: Observation, state: dict[str,
 
 
 def _functions(
-    scene: Symbols, state: dict[str, SX], observation: Observation, own: _Expressions, name: str
+    scene: Symbols, state: dict[str, SX], observation: Observation, own: _Gathered, name: str
 ) -> tuple[ca.Function | StagedKernel, ca.Function | None, ca.Function | None]:
     """Residuals of an observation, its margins unless they are in stages too, and what its postures must lie on."""
     if observation.staged:
@@ -160,7 +161,7 @@ def _together(groups: list[Group]) -> tuple[Group, ...]:
 
 
 @dataclass(slots=True)
-class _Expressions:
+class _Gathered:
     """What is gathered feature by feature; lives only inside `observe`."""
 
     z: list[SX] = field(default_factory=list)
@@ -200,7 +201,7 @@ class _Expressions:
         self.errors.append(feature.to_world @ shift if kind.judged_in_world else shift)
         self.attitudes.append(attitude)
 
-    def extend(self, other: _Expressions) -> None:
+    def extend(self, other: _Gathered) -> None:
         self.z += other.z
         self.readings += other.readings
         self.planned += other.planned

@@ -57,18 +57,21 @@ class Placed:
         )
 
 
-def place(model: Model, data: Dataset, options: Options, starts: int = STARTS) -> Setup:
+def place(
+    model: Model, data: Dataset, options: Options, starts: int = STARTS, near: Setup | None = None
+) -> Setup:
     """See `placed`."""
-    return placed(model, data, options, starts).setup
+    return placed(model, data, options, starts, near).setup
 
 
-def placed(model: Model, data: Dataset, options: Options, starts: int = STARTS) -> Placed:
+def placed(model: Model, data: Dataset, options: Options, starts: int = STARTS, near: Setup | None = None) -> Placed:
     """The model's frames and points as nominal kinematics and the data have them; always by Levenberg-Marquardt.
 
     A frame of which something is held starts from nominal, so that what is held stays as it was.
 
     Args:
         starts: of a search for an instrument that is not placed in closed form, at least.
+        near: where everything roughly is: nothing is searched for then, but for a fixed camera alone.
     """
     free = placed_by(model, data)
     if not free:
@@ -80,7 +83,10 @@ def placed(model: Model, data: Dataset, options: Options, starts: int = STARTS) 
         # what nominal kinematics leaves is no noise of instruments: stated ones would tell how they share it
         options = replace(options, sigma={})
     nominal = State(model, model.setup, np.zeros(len(model.parameters)))
-    start = _start(nominal, data, free, options, starts)
+    if near is None:
+        start = _start(nominal, data, free, options, starts)
+    else:
+        start = Placed(_like(nominal, near, tuple(_open(model, free))))
     odd, agreeing = disagreements(model, data, start.setup)
     found = _fit(replace(nominal, setup=start.setup), agreeing, free, options)
     return Placed(_found(model, found, free), start.searches, odd)
@@ -103,11 +109,13 @@ def settled(state: State, data: Dataset, near: Setup | None = None) -> State:
 
 
 def _like(state: State, near: Setup, names: tuple[str, ...]) -> Setup:
-    """The setup of a state with places, points and numbers of these parameters as another one has them."""
+    """The setup of a state with frames, points and numbers of these parameters as another one has them."""
     setup, wanted = state.setup, {name.rpartition("_")[0] for name in names}
     chosen = [name in wanted for name in state.model.measurement.points_called]
     return replace(
         setup,
+        base=near.base if "base" in wanted else setup.base,
+        tool=near.tool if "tool" in wanted else setup.tool,
         points=np.where(np.reshape(chosen, (-1, 1)), near.points, setup.points),
         places={name: near.places[name] if name in wanted else place for name, place in setup.places.items()},
         own={name: near.own[name] if name in names else value for name, value in setup.own.items()},

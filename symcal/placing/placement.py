@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from symcal.data.dataset import Dataset
-from symcal.fit.estimation import Fit, Options, fit
-from symcal.fit.residual_rows import rows_of
+from symcal.fit.estimation import Fit, Options, fit, minimised, variance_model
+from symcal.fit.residual_rows import Rows, rows_of
+from symcal.fit.variances import Variances
 from symcal.model.measurement import Setup
 from symcal.model.model import Model, State
 from symcal.model.observation import Observation
@@ -25,12 +26,16 @@ from symcal.placing.multistart import STARTS, search
 from symcal.placing.registration import LEVER, register
 from symcal.placing.scene_placement import camera_guesses, place_scene
 from symcal.placing.views import disagreements
+from symcal.solvers.least_squares import Tolerances
 from symcal.spatial import inverse
 
 Array = NDArray[np.float64]
 
 _ROUGH = {"mm": 1.0, "rad": 1 / LEVER, "px": 1.0}
 """Noise with which places are found whose readings judge: only the ratio of units matters."""
+
+_COARSE = Tolerances(gradient=1e-8, cost=1e-6, step=1e-8, iterations=60)
+"""Of fits that only tell which guess is the best."""
 
 _MORE = 100.0  # mm of a tool, which belongs to the robot's length too
 
@@ -241,10 +246,10 @@ def _by_points(state: State, end: Ends, own: Dataset, data: Dataset, options: Op
     floor = min(group.floor for group in model.measurement.groups if group.unit == "mm")
     size = max(min(guess.rms for guess in guesses) / np.sqrt(3), floor)
     sigma = {g.name: size / (LEVER if g.unit == "rad" else 1.0) for g in model.measurement.groups}
-    plain = replace(options, loss="linear", sigma=sigma)
+    plain = replace(options, loss="linear", sigma=sigma, tolerances=_COARSE)
     alone, told = _read_by(model, data, [end.observation]), _told(end.observation) & end.open
     names = tuple(name for name in model.placement if name in told)
-    return min(setups, key=lambda s: _total(model, alone, _fit(replace(state, setup=s), alone, names, plain)))
+    return min(setups, key=lambda s: _left(replace(state, setup=s), alone, names, plain))
 
 
 def _read_by(model: Model, data: Dataset, wanted: Iterable[Observation]) -> Dataset:
@@ -261,16 +266,34 @@ def _read_by(model: Model, data: Dataset, wanted: Iterable[Observation]) -> Data
 
 def _fit(state: State, data: Dataset, free: Iterable[str], options: Options, *, alone: bool = False) -> Fit:
     """Args: alone: by the readings alone, whatever else is known."""
-    model = state.model
+    names = _framed(state.model, free)
+    return fit(_rows(state, data, names, alone=alone), names, options, state.x, prior_mean=_stated(state))
+
+
+def _framed(model: Model, free: Iterable[str]) -> tuple[str, ...]:
     frames = set(model.frames)
-    names = tuple(name for name in free if name in frames)
+    return tuple(name for name in free if name in frames)
+
+
+def _rows(state: State, data: Dataset, names: tuple[str, ...], *, alone: bool = False) -> Rows:
+    model = state.model
     # what is known between things counts once all of them are placed
     others = set(model.placement) if alone else set(model.placement) - set(names)
-    rows = rows_of(model.measurement, data, state.setup, model.residuals, others)
-    return fit(rows, names, options, state.x, prior_mean=stated(model, state.setup))
+    return rows_of(model.measurement, data, state.setup, model.residuals, others)
 
 
-def _total(model: Model, data: Dataset, candidate: Fit) -> float:
-    """Squared residuals of a placement with poses seen as points, so that guesses are compared in one unit."""
-    r, _ = rows_of(model.measurement, data, candidate.setup, model.residuals)(candidate.x)
-    return float(np.sum((r * model.measurement.per_unit({"mm": 1.0, "rad": LEVER, "px": 1.0})) ** 2))
+def _stated(state: State) -> Array:
+    return stated(state.model, state.setup)
+
+
+def _left(state: State, data: Dataset, free: Iterable[str], options: Options) -> float:
+    """Squared residuals that a guess leaves after a rough fit of the free frames, all noise given; infinite where it
+    gives no number. Poses are seen as points, so that guesses are compared in one unit."""
+    model, names = state.model, _framed(state.model, free)
+    rows = _rows(state, data, names)
+    system = variance_model(rows, names, options, state.x, prior_mean=_stated(state))
+    given = Variances(dict(options.sigma), dict.fromkeys(system.system.groups, 1.0), rows.seen.astype(float))
+    solution = minimised(system, options, given, state.x)
+    r = rows.residual(system.system.at(solution.x))
+    left = float(np.sum((r * model.measurement.per_unit({"mm": 1.0, "rad": LEVER, "px": 1.0})) ** 2))
+    return left if np.isfinite(left) else np.inf

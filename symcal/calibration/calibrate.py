@@ -31,8 +31,8 @@ from symcal.fit.residual_rows import rows_of
 from symcal.fit.variances import VarianceModel
 from symcal.model.measurement import Setup
 from symcal.model.model import Model, State, build_model
-from symcal.placing.placement import place as place
 from symcal.placing.placement import Placed, placed, placed_by, stated
+from symcal.placing.placement import place as place
 from symcal.robot.robot import Record, Robot
 
 Array = NDArray[np.float64]
@@ -194,7 +194,14 @@ def calibrate_near(
         refuse_nonsense(model, train, found.after)
         robot = calibrated_robot(model, found.after)
         return Calibration(
-            model, found.placed.setup, found.before, found.raw, found.offsets, found.after, robot, loss_choice=found.choice
+            model,
+            found.placed.setup,
+            found.before,
+            found.raw,
+            found.offsets,
+            found.after,
+            robot,
+            loss_choice=found.choice,
         )
 
 

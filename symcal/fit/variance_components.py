@@ -104,7 +104,8 @@ def at_variances(blocks: Sequence[Block], known: Array, phi: Array, ties: Sequen
     stacked = np.concatenate([*scaled, known, np.zeros((n + 1, n + 1))])
     triangle: Array = np.asarray(np.linalg.qr(stacked, mode="r"), dtype=np.float64)
     upper, right = triangle[:n, :n], triangle[:n, n]
-    root = np.linalg.inv(upper)  # its LU decomposition is itself: this is back substitution
+    # its LU decomposition is itself: this is back substitution
+    root: Array = np.asarray(np.linalg.inv(upper), dtype=np.float64)
     y = -root @ right
     widths, counts = np.array([block.width for block in blocks]), np.array([block.count for block in blocks])
     projected = [rows[:, :n] @ root for rows in scaled]

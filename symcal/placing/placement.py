@@ -62,9 +62,7 @@ class Placed:
         )
 
 
-def place(
-    model: Model, data: Dataset, options: Options, starts: int = STARTS, near: Setup | None = None
-) -> Setup:
+def place(model: Model, data: Dataset, options: Options, starts: int = STARTS, near: Setup | None = None) -> Setup:
     """See `placed`."""
     return placed(model, data, options, starts, near).setup
 

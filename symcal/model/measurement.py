@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -144,21 +144,21 @@ class Part:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expressions:
-    """What the parts together say, symbolically; those in stages say it themselves.
+    """What the parts together say, symbolically, written down when it is asked for; those in stages say it themselves.
 
-    state: q, x and setup. z: all readings; readings: as they would be given; planned: J at zero residual; judged: what
-    is judged; points: of the robot that are measured, each with its Jacobian.
+    state: q, x and setup. z: all readings. readings: as they would be given. planned: J at zero residual. judged: what
+    is judged. points: of the robot that are measured, each with its Jacobian.
     """
 
     state: Mapping[str, SX]
     z: SX
-    readings: SX
-    planned: SX
+    readings: Callable[[], SX]
+    planned: Callable[[], SX]
     judged: SX
-    points: tuple[SX, SX]
+    points: Callable[[], tuple[SX, SX]]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Measurement:
     """Any number of observations of one robot; made by `symcal.model.observe.observe`.
 
@@ -183,12 +183,12 @@ class Measurement:
     @cached_property
     def predict(self) -> ca.Function:
         """(q, x, setup) -> h, shape (nz,), as the instruments would give it, one observation after the other."""
-        return self._function("predict", {"h": self.expressions.readings})
+        return self._function("predict", {"h": self.expressions.readings()})
 
     @cached_property
     def jacobian(self) -> ca.Function:
         """(q, x, setup) -> J at zero residual, shape (m, n): the information of a pose that is yet to be measured."""
-        return self._function("planned", {"J": self.expressions.planned})
+        return self._function("planned", {"J": self.expressions.planned()})
 
     @cached_property
     def accuracy(self) -> ca.Function:
@@ -200,7 +200,7 @@ class Measurement:
     def points(self) -> ca.Function:
         """(q, x, setup) -> the points of the robot that are measured, in world, shape (3 k,), mm, and their Jacobian,
         shape (3 k, n)."""
-        return self._function("points", dict(zip(("p", "J"), self.expressions.points, strict=True)))
+        return self._function("points", dict(zip(("p", "J"), self.expressions.points(), strict=True)))
 
     def _function(self, name: str, outputs: dict[str, SX], more: Mapping[str, SX] | None = None) -> ca.Function:
         return kinematics.function(name, {**self.expressions.state, **(more or {})}, outputs)

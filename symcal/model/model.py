@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from symcal.errors import InputError
 from symcal.kernels import BatchFunction, batch_function
 from symcal.kinematics import chain, forward
 from symcal.model.assembled import Assembled, RowKernel, errors_kernel, rows_kernel, slopes_kernel
+from symcal.model.content import Content, NoContentError, content
 from symcal.model.measurement import Measurement, Setup
 from symcal.model.observe import observe
 from symcal.model.symbols import numbers_of, places_of
@@ -22,7 +24,7 @@ from symcal.robot.robot import Robot
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Kernels:
     """What a measurement needs at many postures, each compiled when it is first asked for: an identification needs few.
 
@@ -52,7 +54,7 @@ class Kernels:
         return batch_function(self.measurement.points, evaluations=0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Model:
     """The measurement model of a task; made once, used for every fit.
 
@@ -150,13 +152,44 @@ class State:
     unplaced: tuple[str, ...] = ()
 
 
+_MODELS = 16  # of different content that are kept: an identification with joint terms and a remainder needs six
+
+
+@dataclass(frozen=True, slots=True)
+class _Wanted:
+    """A robot and a task, told apart by what they hold."""
+
+    held: Content
+    robot: Robot = field(compare=False, repr=False)
+    task: Task = field(compare=False, repr=False)
+
+
 def build_model(robot: Robot, task: Task) -> Model:
-    """Build and compile the symbolic model of a task.
+    """The symbolic model of a task; kernels are compiled when they are first asked for.
+
+    Models of the same robot and task, by what these hold, share their expressions and kernels within a process, unless
+    `_MODELS` others came in between.
 
     Raises:
         InputError: names in fix, scales or priors that the model does not have; parts that cannot be estimated
         together.
     """
+    bare = replace(robot, record=None), task.without_data
+    try:
+        held = content(bare)
+    except NoContentError:  # an instrument of one's own that does not say what it holds
+        kernels = _kernels(*bare)
+    else:
+        kernels = _kept(_Wanted(held, *deepcopy(bare)))  # whatever is done with the originals later changes nothing
+    return Model(task, robot, kernels, nominal_setup(robot, task))
+
+
+@lru_cache(maxsize=_MODELS)
+def _kept(wanted: _Wanted) -> Kernels:
+    return _kernels(wanted.robot, wanted.task)
+
+
+def _kernels(robot: Robot, task: Task) -> Kernels:
     parameters = task.parameters(robot)
     for name in task.fix:
         if name not in parameters.names:
@@ -164,8 +197,7 @@ def build_model(robot: Robot, task: Task) -> Model:
     parameters = parameters.with_scales(task.scales).with_priors(task.priors)
     symbolic = chain(robot, parameters)
     under = chain(robot, parameters, conditions=True) if robot.conditions else symbolic
-    measurement = replace(observe(under, *task.observations, values=task.values), chain=symbolic)
-    return Model(task, robot, Kernels(measurement), nominal_setup(robot, task))
+    return Kernels(replace(observe(under, *task.observations, values=task.values), chain=symbolic))
 
 
 def nominal_setup(robot: Robot, task: Task) -> Setup:

@@ -45,7 +45,7 @@ ROUNDS = 60
 SETTLED = 1e-6
 """Change of a log variance or robust weight that ends the rounds."""
 _GOOD = 1e-3  # change that a fit may still have when the rounds are used up: a two-thousandth of a sigma
-_LOOSE = 1e-3  # of the last change of the log variances: as exactly are they sought in a round
+_LOOSE = 1e-2  # of the last change of the log variances: as exactly are they sought in a round
 _ROUGH = 1e-6  # relative change of the cost that ends a minimisation while the variances are not yet known
 _NO_WORSE = 1e-9  # relative difference of the objective that is rounding
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from symcal.errors import InputError
 from symcal.kernels import BatchFunction, batch_function
-from symcal.kinematics import chain, forward
+from symcal.kinematics import chain, forward, function, pose_of
 from symcal.model.assembled import Assembled, RowKernel, errors_kernel, rows_kernel, slopes_kernel
 from symcal.model.content import Content, NoContentError, content
 from symcal.model.measurement import Measurement, Setup
@@ -32,6 +32,7 @@ class Kernels:
     """
 
     measurement: Measurement
+    _poses: dict[str, BatchFunction] = field(default_factory=dict, repr=False)
 
     @cached_property
     def residuals(self) -> tuple[RowKernel, ...]:
@@ -52,6 +53,15 @@ class Kernels:
     @cached_property
     def points(self) -> BatchFunction:
         return batch_function(self.measurement.points, evaluations=0)
+
+    def pose(self, station: str) -> BatchFunction:
+        """(q, x, frames) -> where a station of the chain is in world, shape (4, 4), mm."""
+        if station not in self._poses:
+            chain = self.measurement.chain
+            state = {"q": chain.q, "x": chain.x, "frames": chain.frames}
+            pose = function("pose", state, {"T": pose_of(chain.stations[station])})
+            self._poses[station] = batch_function(pose, evaluations=0)
+        return self._poses[station]
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,16 +26,12 @@ from symcal.placing.multistart import STARTS, search
 from symcal.placing.registration import LEVER, register
 from symcal.placing.scene_placement import camera_guesses, place_scene
 from symcal.placing.views import disagreements
-from symcal.solvers.least_squares import Tolerances
 from symcal.spatial import inverse
 
 Array = NDArray[np.float64]
 
 _ROUGH = {"mm": 1.0, "rad": 1 / LEVER, "px": 1.0}
 """Noise with which places are found whose readings judge: only the ratio of units matters."""
-
-_COARSE = Tolerances(gradient=1e-8, cost=1e-6, step=1e-8, iterations=60)
-"""Of fits that only tell which guess is the best."""
 
 _MORE = 100.0  # mm of a tool, which belongs to the robot's length too
 
@@ -244,7 +240,7 @@ def _by_points(state: State, end: Ends, own: Dataset, data: Dataset, options: Op
     floor = min(group.floor for group in model.measurement.groups if group.unit == "mm")
     size = max(min(guess.rms for guess in guesses) / np.sqrt(3), floor)
     sigma = {g.name: size / (LEVER if g.unit == "rad" else 1.0) for g in model.measurement.groups}
-    plain = replace(options, loss="linear", sigma=sigma, tolerances=_COARSE)
+    plain = replace(options, loss="linear", sigma=sigma)
     alone, told = _read_by(model, data, [end.observation]), _told(end.observation) & end.open
     names = tuple(name for name in model.placement if name in told)
     return min(setups, key=lambda s: _left(replace(state, setup=s), alone, names, plain))

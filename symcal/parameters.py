@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -93,7 +94,7 @@ class JointPrior:
         return np.asarray(np.linalg.solve(root, np.diag(1 / sigma)))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class ParameterSet:
     """The parameters of a model in the order of its vector, and priors that tie several of them together."""
 
@@ -108,32 +109,34 @@ class ParameterSet:
     def __len__(self) -> int:
         return len(self.items)
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         return tuple(p.name for p in self.items)
 
-    @property
+    @cached_property
     def units(self) -> tuple[Unit, ...]:
         return tuple(p.unit for p in self.items)
 
-    @property
+    @cached_property
     def nominal(self) -> Array:
-        return np.array([p.nominal for p in self.items])
+        """Shape (n,), read-only."""
+        return _kept([p.nominal for p in self.items])
 
-    @property
+    @cached_property
     def scales(self) -> Array:
-        return np.array([p.scale for p in self.items])
+        """Shape (n,), read-only."""
+        return _kept([p.scale for p in self.items])
+
+    @cached_property
+    def _places(self) -> dict[str, int]:
+        return {name: i for i, name in enumerate(self.names)}
 
     def index(self, name: str) -> int:
         """Place of a parameter in the vector; KeyError if it has none."""
-        for i, p in enumerate(self.items):
-            if p.name == name:
-                return i
-        raise KeyError(name)
+        return self._places[name]
 
     def indices(self, names: Iterable[str]) -> NDArray[np.intp]:
-        place = {p.name: i for i, p in enumerate(self.items)}
-        return np.array([place[name] for name in names], dtype=np.intp)
+        return np.array([self._places[name] for name in names], dtype=np.intp)
 
     def vector(self, values: Mapping[str, float]) -> Array:
         """The vector with these errors and zero elsewhere; KeyError for a name that is not in the set."""
@@ -178,3 +181,9 @@ class ParameterSet:
             if name not in self.names:
                 raise InputError("no such parameter", found=name, allowed=self.names)
             check_size(name, value)
+
+
+def _kept(values: list[float]) -> Array:
+    array = np.array(values, dtype=np.float64)
+    array.flags.writeable = False
+    return array

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from pydantic import Field
 
 from symcal.documents.document import Strict, dotted, read_document, validate, write_document
+from symcal.documents.yaml_dialect import Dumper, parse_value, written
 from symcal.errors import InputError, SymcalError
 
 
@@ -276,3 +277,23 @@ def test_nothing_is_shared_in_what_is_written(tmp_path):
     path = tmp_path / "rows.yaml"
     write_document(path, {"matrix": [row, row], "again": row})
     assert read_document(path).data == {"matrix": [row, row], "again": row}
+
+
+def test_both_ways_of_writing_read_back_alike() -> None:
+    """libyaml writes what PyYAML's own emitter would, but for the escapes of a few characters."""
+    rng = np.random.default_rng(3)
+    data = {
+        "matrix": (rng.normal(size=(12, 12)) * 10.0 ** rng.integers(-300, 300, (12, 12))).tolist(),
+        "text": ["1e-3", "yes", "~", "010", "a: b", "- c", "it's", "é\n\tf", " " * 3, "", "x" * 300, "word " * 60],
+        "deep": [{"a": [1, 2], "b": {"c": [[1.0, -0.0], [float("inf")]]}}, None, True],
+    }
+    plain = yaml.dump(data, Dumper=Dumper, sort_keys=False, allow_unicode=True, width=120)
+    assert written(data) == plain
+    assert parse_value(plain) == data
+    for odd in ("\U0001f600", "\x85", "\x07"):
+        assert parse_value(written({"a": odd})) == {"a": odd}
+
+
+def test_a_name_of_bytes_that_are_no_text_is_written() -> None:
+    half = b"caf\xe9".decode("utf-8", "surrogateescape")
+    assert written({"file": half}) == 'file: "caf\\uDCE9"\n'

@@ -20,7 +20,7 @@ from symcal.calibration.mistakes.search import find_mistakes
 from symcal.calibration.outliers import Outlier, StandingOut, outliers
 from symcal.calibration.plausibility import CHECK, SLIPS, plausibility, unexplained
 from symcal.calibration.record import measurement_record
-from symcal.calibration.warnings import outlier_notes, quality
+from symcal.calibration.warnings import outlier_notes, quality, refuse_nonsense
 from symcal.data.dataset import Dataset, Readings
 from symcal.errors import InputError, RefusedError
 from symcal.fit.estimation import Fit, Options, fit, variance_model
@@ -31,8 +31,8 @@ from symcal.fit.residual_rows import rows_of
 from symcal.fit.variances import VarianceModel
 from symcal.model.measurement import Setup
 from symcal.model.model import Model, State, build_model
+from symcal.placing.placement import Placed, placed, placed_by, stated
 from symcal.placing.placement import place as place
-from symcal.placing.placement import placed, placed_by, stated
 from symcal.robot.robot import Record, Robot
 
 Array = NDArray[np.float64]
@@ -140,7 +140,73 @@ def one_thread() -> Iterator[None]:
         yield
 
 
+@dataclass(frozen=True, slots=True)
+class _Fitted:
+    """The fits of an identification, and what they were made with.
+
+    at: what is stated of the parameters, as errors from the placed setup, shape (n,).
+    """
+
+    placed: Placed
+    before: State
+    raw: State | None
+    offsets: Fit
+    after: Fit
+    at: Array
+    choice: LossChoice | None
+
+
 def _calibrate(model: Model, baseline: Model | None, data: Dataset, options: Options) -> Calibration:
+    train = _training(model, data)
+    found = _fitted(model, baseline, train, options)
+    setup, before, after = found.placed.setup, found.before, found.after
+    odd = outliers(model, train, after, found.at)
+    robot = calibrated_robot(model, after)
+    plausible = not implausible(robot)
+    notes = (
+        *found.placed.notes,
+        *_unplaced(before.unplaced),
+        *plausibility(train, before, State(model, setup, after.x) if plausible else None),
+        *quality(model, train, after, odd),
+    )
+    searches = found.placed.searches
+    return Calibration(
+        model, setup, before, found.raw, found.offsets, after, robot, notes, searches, odd.listed, found.choice
+    )
+
+
+def calibrate_near(
+    model: Model, baseline: Model | None, data: Dataset, options: Options, near: Calibration
+) -> Calibration:
+    """Calibrate with data that are much like those of a calibration of the same model, as a fold's are.
+
+    Places are not searched for but start where they were found before; the minimum is that of these data alone. What
+    an identification says of itself is left out: notes, outliers and mistakes.
+
+    Args:
+        near: of the model, without a remainder, and of ``baseline``.
+    Raises:
+        RefusedError: too few poses, or data that the robot cannot have produced.
+    """
+    with one_thread():
+        train = _training(model, data)
+        found = _fitted(model, baseline, train, options, near)
+        refuse_nonsense(model, train, found.after)
+        robot = calibrated_robot(model, found.after)
+        return Calibration(
+            model,
+            found.placed.setup,
+            found.before,
+            found.raw,
+            found.offsets,
+            found.after,
+            robot,
+            loss_choice=found.choice,
+        )
+
+
+def _training(model: Model, data: Dataset) -> Dataset:
+    """The poses that are identified with, of what the task asks for."""
     measured = [(each.kind, each.features) for each in data.of]
     wanted = [(o.instrument.name, o.features) for o in model.task.observations]
     if measured != wanted:
@@ -149,6 +215,12 @@ def _calibrate(model: Model, baseline: Model | None, data: Dataset, options: Opt
     train = data.part("train")
     if len(train) == 0:
         raise RefusedError("no pose is marked for training")
+    return train
+
+
+def _fitted(
+    model: Model, baseline: Model | None, train: Dataset, options: Options, near: Calibration | None = None
+) -> _Fitted:
     free = placed_by(model, train)
     if not any(o.instrument.is_camera for o in model.task.observations):  # before it is placed its rows say nothing
         others = set(model.placement) - set(free)
@@ -160,7 +232,7 @@ def _calibrate(model: Model, baseline: Model | None, data: Dataset, options: Opt
     if options.loss == "auto":
         choice = _chosen(model, train, free, unplaced, replace(options, loss="linear"))
         options = replace(options, loss=choice.chosen)
-    found = placed(model, train, options)
+    found = placed(model, train, options, near=None if near is None else near.setup)
     setup = found.setup
     rows = rows_of(model.measurement, train, setup, model.residuals, unplaced)
     at = stated(model, setup)
@@ -172,17 +244,9 @@ def _calibrate(model: Model, baseline: Model | None, data: Dataset, options: Opt
     if baseline is not None:
         own = placed_by(baseline, train)
         unplaced = tuple(name for name in baseline.placement if name not in own)
-        before = State(baseline, place(baseline, train, options), np.zeros(len(baseline.parameters)), unplaced)
-    odd = outliers(model, train, after, at)
-    robot = calibrated_robot(model, after)
-    plausible = not implausible(robot)
-    notes = (
-        *found.notes,
-        *_unplaced(before.unplaced),
-        *plausibility(train, before, State(model, setup, after.x) if plausible else None),
-        *quality(model, train, after, odd),
-    )
-    return Calibration(model, setup, before, raw, offsets, after, robot, notes, found.searches, odd.listed, choice)
+        there = place(baseline, train, options, near=None if near is None else near.before.setup)
+        before = State(baseline, there, np.zeros(len(baseline.parameters)), unplaced)
+    return _Fitted(found, before, raw, offsets, after, at, choice)
 
 
 def _chosen(

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.calibration.calibrate import Calibration, baseline_model, calibrate
+from symcal.calibration.calibrate import Calibration, baseline_model, calibrate, calibrate_near
 from symcal.calibration.evaluate import Errors, evaluate, pooled
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
@@ -36,12 +36,20 @@ def folds(data: Dataset, count: int, rng: np.random.Generator) -> list[NDArray[n
 
 
 def cross_validate(
-    model: Model, data: Dataset, options: Options, count: int, rng: np.random.Generator, refine: Refine = as_it_is
+    model: Model,
+    data: Dataset,
+    options: Options,
+    count: int,
+    rng: np.random.Generator,
+    refine: Refine = as_it_is,
+    *,
+    near: Calibration | None = None,
 ) -> dict[str, Errors]:
     """Errors on held-out folds, each predicted by an identification on the other folds; pooled over all poses.
 
     Args:
-        refine: what is done with the identification of every fold.
+        refine: what is done with the identification of every fold. near: the identification from all of these data,
+            if it is known: the fits of the folds start where places stand in it, see `calibrate_near`.
     Raises:
         RefusedError: too few poses for a fold's identification.
     """
@@ -51,7 +59,11 @@ def cross_validate(
         mask = np.zeros(len(data), dtype=bool)
         mask[held_out] = True
         labelled = replace(data, split=tuple("test" if out else "train" for out in mask))
-        result = refine(calibrate(model, baseline, labelled, options, mistakes=()), labelled)
+        if near is None:
+            own = calibrate(model, baseline, labelled, options, mistakes=())
+        else:
+            own = calibrate_near(model, baseline, labelled, options, near)
+        result = refine(own, labelled)
         for name, state in result.states.items():
             found = evaluate(state, data.take(held_out))
             parts.setdefault(name, []).append(replace(found, pose=held_out[found.pose]))

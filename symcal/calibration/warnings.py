@@ -43,7 +43,7 @@ def quality(model: Model, data: Dataset, after: Fit, odd: StandingOut) -> tuple[
     Raises:
         RefusedError: the identified model does not explain the measurements at all.
     """
-    _refuse_nonsense(model, data, after, odd)
+    refuse_nonsense(model, data, after, odd)
     notes = []
     learnt = after.equations - after.dof
     if after.dof < 2 * learnt:
@@ -150,8 +150,15 @@ def _adrift(model: Model, after: Fit) -> list[str]:
     ]
 
 
-def _refuse_nonsense(model: Model, data: Dataset, after: Fit, odd: StandingOut) -> None:
-    """Wrong units, signs and joint order leave errors of the robot's own size; medians, so that a slip is no reason."""
+_NOTHING_ODD = StandingOut()
+
+
+def refuse_nonsense(model: Model, data: Dataset, after: Fit, odd: StandingOut = _NOTHING_ODD) -> None:
+    """Wrong units, signs and joint order leave errors of the robot's own size; medians, so that a slip is no reason.
+
+    Raises:
+        RefusedError: the identified model does not explain the measurements at all.
+    """
     r = residuals(data, State(model, after.setup, after.x))
     for part in model.measurement.parts:
         wrong = _nonsense(model, data, part, r)

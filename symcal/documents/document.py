@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
 from symcal.documents.read import CONTROL, DOCUMENT_LIMIT, read_text
-from symcal.documents.yaml_dialect import TAG, Dumper, compose
+from symcal.documents.yaml_dialect import TAG, compose, written
 from symcal.errors import InputError
 from symcal.outputs.whole_file import write_whole
 
@@ -320,4 +320,4 @@ def write_document(path: Path | str, data: Mapping[str, Any]) -> None:
 
 def document_text(data: Mapping[str, Any]) -> str:
     """A mapping as YAML that `read_document` reads back to the same numbers."""
-    return yaml.dump(dict(data), Dumper=Dumper, sort_keys=False, allow_unicode=True, width=120)
+    return written(dict(data))

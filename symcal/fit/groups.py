@@ -100,7 +100,7 @@ class Groups:
 
     def variances_without(self, groups: Sequence[str]) -> Variances:
         """The variances that go with `without`."""
-        return self.model.named(self.names, self.without(groups), self.variances)
+        return self.model.named(self.names, self.without(groups).phi, self.variances)
 
     def covariance(self, group: str) -> Array:
         """Of the free parameters, were a group as large as is plausible, shape (n, n): what the data tell of it."""

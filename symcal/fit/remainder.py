@@ -94,7 +94,7 @@ class Physics:
         found = most_likely(blocks, fixed, start, ties, tolerance=_TOLERANCE)
         step = np.zeros(len(self.fit.x))
         step[model.system.index] = model.system.scales * found.y
-        return Linearised(found.value, step, model.named(names, found, variances))
+        return Linearised(found.value, step, model.named(names, found.phi, variances))
 
     def with_field(self, poses: Poses, last: Variances, field: Field) -> tuple[Linearised, float]:
         """The same at the most likely ratio of the variances of displacement and noise, and that ratio.

@@ -102,18 +102,19 @@ def at_variances(blocks: Sequence[Block], known: Array, phi: Array, ties: Sequen
     """
     n = int(known.shape[1]) - 1
     scaled = [block.rows * np.exp(-0.5 * value) for block, value in zip(blocks, phi, strict=True)]
-    stacked = np.vstack([*scaled, known, np.zeros((n + 1, n + 1))])
+    stacked = np.concatenate([*scaled, known, np.zeros((n + 1, n + 1))])
     triangle: Array = np.asarray(np.linalg.qr(stacked, mode="r"), dtype=np.float64)
     upper, right = triangle[:n, :n], triangle[:n, n]
-    root = scipy.linalg.solve_triangular(upper, np.eye(n))
+    # its LU decomposition is itself: this is back substitution
+    root: Array = np.asarray(np.linalg.inv(upper), dtype=np.float64)
     y = -root @ right
     widths, counts = np.array([block.width for block in blocks]), np.array([block.count for block in blocks])
     projected = [rows[:, :n] @ root for rows in scaled]
-    left = [rows[:, :n] @ y + rows[:, n] for rows in scaled]
-    grams = [p.T @ p for p in projected]
-    traces = np.array([np.trace(gram) for gram in grams])
+    left = [rows @ np.append(y, 1.0) for rows in scaled]
+    grams = np.array([(p.T @ p).ravel() for p in projected]).reshape(len(blocks), n * n)
+    traces = grams[:, :: n + 1].sum(axis=1)
     prior = 4.0 / (widths**2 + phi**2)
-    fisher = np.array([[np.sum(a * b) for b in grams] for a in grams]).reshape(len(blocks), len(blocks))
+    fisher = grams @ grams.T
     fisher[np.diag_indices(len(blocks))] += counts - 2 * traces + prior
     slope = counts - traces - np.array([v @ v for v in left]) + prior * phi
     tied = 0.0
@@ -145,16 +146,24 @@ def at_variances(blocks: Sequence[Block], known: Array, phi: Array, ties: Sequen
 def most_likely(
     blocks: Sequence[Block], known: Array, start: Array, ties: Sequence[Tie] = (), *, tolerance: float
 ) -> Components:
-    """The log variances of largest marginal likelihood, from one start by Fisher scoring.
+    """The model at the log variances of `likeliest`."""
+    return at_variances(blocks, known, likeliest(blocks, known, start, ties, tolerance=tolerance), ties)
+
+
+def likeliest(
+    blocks: Sequence[Block], known: Array, start: Array, ties: Sequence[Tie] = (), *, tolerance: float
+) -> Array:
+    """The log variances of largest marginal likelihood, shape (b,), from one start by Fisher scoring.
 
     Args:
         tolerance: change of a log variance that ends the search.
     """
     low, high = np.array([b.lowest for b in blocks]), np.array([b.highest for b in blocks])
-    now = at_variances(blocks, known, np.clip(start, low, high), ties)
+    phi = np.clip(start, low, high)
     if not blocks:
-        return now
+        return phi
     floor = _RIDGE * np.array([max(b.count, 1) for b in blocks])
+    now = at_variances(blocks, known, phi, ties)
     for _ in range(_STEPS):
         free = np.flatnonzero(~now.held)
         step = np.zeros_like(now.phi)
@@ -165,11 +174,11 @@ def most_likely(
         while True:
             trial = np.clip(now.phi + length * step, low, high)
             moved = trial - now.phi
-            there = at_variances(blocks, known, trial, ties)
             if np.abs(moved).max() <= tolerance:
-                return there if there.value < now.value else now
+                return trial if length == 1 else now.phi  # a whole step is as good as Fisher scoring gets
+            there = at_variances(blocks, known, trial, ties)
             if there.value <= now.value + _ARMIJO * float(now.slope @ moved):
                 break
             length /= 2
         now = there
-    return now
+    return now.phi

@@ -16,7 +16,7 @@ from symcal.errors import RefusedError
 from symcal.fit.noise import block_sigmas, robust_weights, spread_of, weighted_sigmas
 from symcal.fit.residual_rows import Linear
 from symcal.fit.robust import Loss
-from symcal.fit.variance_components import Block, Components, Tie, at_variances, compressed, most_likely
+from symcal.fit.variance_components import Block, Components, Tie, at_variances, compressed, likeliest
 from symcal.fit.whitened import LINKS, Whitened
 from symcal.model.measurement import Group
 
@@ -106,7 +106,7 @@ class VarianceModel:
         starts = [self._start(names, blocks, fixed, f) for f in (_FACTORS if LINKS in self.factors else (1.0,))]
         ties = self.ties(names)
         start = min(starts, key=lambda phi: at_variances(blocks, fixed, phi, ties).value) if starts[1:] else starts[0]
-        return self.named(names, most_likely(blocks, fixed, start, ties, tolerance=tolerance), variances)
+        return self.named(names, likeliest(blocks, fixed, start, ties, tolerance=tolerance), variances)
 
     def next(self, x: Array, last: Variances, tolerance: float) -> Variances:
         """Variances (and robust weights) for the model linearised at x, from the last ones."""
@@ -114,8 +114,8 @@ class VarianceModel:
         if robust:
             last = self._robust(x, last)
         names, blocks, fixed = self._blocks(x, last, () if robust else self.estimated)
-        found = most_likely(blocks, fixed, self.phi(names, last), self.ties(names), tolerance=tolerance)
-        return self.named(names, found, last)
+        phi = likeliest(blocks, fixed, self.phi(names, last), self.ties(names), tolerance=tolerance)
+        return self.named(names, phi, last)
 
     def at(self, x: Array, variances: Variances) -> tuple[Components, tuple[Block, ...]]:
         """The model linearised at x, its variances as they are.
@@ -236,9 +236,9 @@ class VarianceModel:
         values = variances.sigmas | {size_name(group): variances.factors[group] for group in self.factors}
         return np.asarray(2 * np.log(np.array([values[name] for name in names])))
 
-    def named(self, names: list[str], found: Components, last: Variances) -> Variances:
+    def named(self, names: list[str], phi: Array, last: Variances) -> Variances:
         """Variances from the log variances of a model."""
-        values = dict(zip(names, np.exp(0.5 * found.phi).tolist(), strict=True))
+        values = dict(zip(names, np.exp(0.5 * phi).tolist(), strict=True))
         factors = {group: values.pop(size_name(group)) for group in self.factors}
         return Variances(last.sigmas | values, last.factors | factors, last.weights)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from symcal.joints.remainder import SHIFTS
 from symcal.kinematics.functions import function
-from symcal.kinematics.screws import Screw, Station, omegas, screws_of, stack
+from symcal.kinematics.screws import Screw, Station, omegas, pose_of, screws_of, stack
 from symcal.kinematics.terms import moves_of
 from symcal.kinematics.walk import Walk, frame_of, reading_name, walk_link
 from symcal.parameters import ParameterSet
@@ -28,7 +28,7 @@ class Chain:
     q: joint readings, shape (dof,), rad or mm. x: parameter errors in the order of ``parameters``.
     conditions: what else of a pose joint terms ask for (`Robot.conditions`); empty where all are nominal.
     frames: the nominal base and tool frames as numbers to be given at evaluation, shape (24,), see `frame_vector`.
-    flange, tool: T_world_flange and T_world_tool, shape (4, 4), mm. links: T_world_i of every link frame.
+    flange, tool: T_world_flange and T_world_tool, shape (4, 4), mm. on_links: every link's frame.
     joint_screws, parameter_screws: one per q and per x (a parameter of a tool *point* moves no frame: zero).
     stations: where things can stand: `world`, `base`, the frames of the links by their joints' names, `flange`, `tool`.
     """
@@ -41,10 +41,15 @@ class Chain:
     conditions: SX
     flange: SX
     tool: SX
-    links: tuple[SX, ...]
+    on_links: tuple[Station, ...]
     joint_screws: tuple[Screw, ...]
     parameter_screws: tuple[Screw, ...]
     stations: Mapping[str, Station]
+
+    @property
+    def links(self) -> tuple[SX, ...]:
+        """T_world_i of every link's frame, shape (4, 4), mm."""
+        return tuple(pose_of(station) for station in self.on_links)
 
 
 def station_names(robot: Robot) -> tuple[str, ...]:
@@ -74,17 +79,17 @@ def chain(robot: Robot, parameters: ParameterSet, *, conditions: bool = False) -
     walk = Walk(*frame_of(frames[:12]), moves)
     walk.increment("base", error)
     world, base = Station(SX.eye(3), SX(3, 1), screws_of({}, parameters)), walk.station(parameters)
-    links, on_links = [], {}
+    links: list[Station] = []
     for i, link in enumerate(robot.links, start=1):
         walk_link(walk, robot.convention, i, link, q[i - 1], error, moves.delta.get(i))
-        links.append(walk.pose)
-        on_links[link.joint.name] = walk.station(parameters)
+        links.append(walk.station(parameters))
     if robot.remainder is not None or not set(SHIFTS).isdisjoint(error):
         walk.displace(base.rotation, robot.remainder, q, error)
     flange, at_flange = walk.pose, walk.station(parameters)
     walk.place(*frame_of(frames[12:]))
     walk.increment("tool", error)
     tool = walk.station(parameters)
+    named = {link.joint.name: station for link, station in zip(robot.links, links, strict=True)}
     return Chain(
         robot=robot,
         parameters=parameters,
@@ -94,10 +99,10 @@ def chain(robot: Robot, parameters: ParameterSet, *, conditions: bool = False) -
         conditions=given,
         flange=flange,
         tool=walk.pose,
-        links=tuple(links),
+        on_links=tuple(links),
         joint_screws=tuple(walk.all_screws()[reading_name(i)] for i in range(1, robot.dof + 1)),
         parameter_screws=screws_of(walk.all_screws(), parameters),
-        stations={**on_links, "world": world, "base": base, "flange": at_flange, "tool": tool},
+        stations={**named, "world": world, "base": base, "flange": at_flange, "tool": tool},
     )
 
 

@@ -63,8 +63,18 @@ def screws_of(found: Mapping[str, Screw], parameters: ParameterSet) -> tuple[Scr
 
 
 def stack(screws: tuple[Screw, ...], point: SX) -> SX:
-    """Velocities in world of a tool-fixed point for each screw; shape (3, len(screws))."""
-    return ca.horzcat(*(screw.at(point) for screw in screws)) if screws else SX(3, 0)
+    """Velocities in world of a tool-fixed point for each screw; shape (3, len(screws)).
+
+    All at once: every operation on SX costs as much as a hundred of its instructions.
+    """
+    if not screws:
+        return SX(3, 0)
+    turns, slides, origins = (ca.horzcat(*(getattr(s, name) for s in screws)) for name in ("turn", "slide", "origin"))
+    own = slides + ca.cross(turns, ca.repmat(point, 1, len(screws)) - origins, 1)
+    if not any(screw.through for screw in screws):
+        return own
+    columns = zip(screws, ca.horzsplit(own), strict=True)
+    return ca.horzcat(*(sum((c * other.at(point) for c, other in screw.through), at) for screw, at in columns))
 
 
 def omegas(screws: tuple[Screw, ...]) -> SX:

@@ -16,6 +16,9 @@ from symcal.robot.robot import ELEMENTS, Convention, Link, is_angle
 SX = ca.SX
 
 
+_NOTHING = SX(3, 1)
+
+
 def frame_of(vector: SX) -> tuple[SX, SX]:
     upper = ca.reshape(vector, 3, 4)
     return upper[:, :3], upper[:, 3]
@@ -52,26 +55,23 @@ class Walk:
     """The pose reached so far, and the screws of the coordinates met on the way; lives only inside `chain`."""
 
     def __init__(self, rotation: SX, origin: SX, moves: Moves | None = None) -> None:
-        self._turned, self._constant = rotation, SX.eye(3)
+        self.rotation = rotation
+        self._turned: SX = rotation
+        self._constant: SX | None = None  # since the last turn that was none: multiplied among themselves first
         self.origin = origin
         self.screws: dict[str, Screw] = {}
         self._moves = moves
 
-    @property
-    def rotation(self) -> SX:
-        """The rotation so far; constant ones since the last that was not are multiplied among themselves first."""
-        return self._turned @ self._constant
-
     def translate(self, axis: int, value: SX, names: tuple[str, ...], rates: tuple[float, ...] = (1.0,)) -> None:
         direction = self.rotation[:, axis]
         for name, rate in zip(names, rates, strict=True):
-            self.screws[name] = Screw(SX(3, 1), rate * direction, SX(3, 1))
+            self.screws[name] = Screw(_NOTHING, direction if rate == 1 else rate * direction, _NOTHING)
         self.origin = self.origin + value * direction
 
     def rotate(self, axis: int, value: SX, names: tuple[str, ...], rates: tuple[float, ...] = (1.0,)) -> None:
         omega = self.rotation[:, axis]
         for name, rate in zip(names, rates, strict=True):
-            self.screws[name] = Screw(rate * omega, SX(3, 1), self.origin)
+            self.screws[name] = Screw(omega if rate == 1 else rate * omega, _NOTHING, self.origin)
         self._turn(spatial.rotation(axis, value))
 
     def place(self, rotation: SX, origin: SX) -> None:
@@ -90,7 +90,7 @@ class Walk:
             r = ca.vertcat(*(x.get(name, 0) for name in names[3:]))
             omegas = self.rotation @ spatial.left_jacobian(r)
             for k, name in enumerate(names[3:]):
-                self.screws[name] = Screw(omegas[:, k], SX(3, 1), self.origin)
+                self.screws[name] = Screw(omegas[:, k], _NOTHING, self.origin)
             self._turn(spatial.exp_rotation(r))
 
     def displace(self, axes: SX, remainder: Remainder | None, q: SX, x: dict[str, SX]) -> None:
@@ -111,14 +111,16 @@ class Walk:
             self.screws[reading_name(i + 1)] = replace(screw, slide=screw.slide + axes @ slopes[:, i])
         for axis, name in enumerate(SHIFTS):
             if name in x:
-                self.screws[name] = Screw(SX(3, 1), axes[:, axis], SX(3, 1))
+                self.screws[name] = Screw(_NOTHING, axes[:, axis], _NOTHING)
         self.origin = self.origin + aside
 
     def _turn(self, rotation: SX) -> None:
         if rotation.is_constant():
-            self._constant = self._constant @ rotation
+            self._constant = rotation if self._constant is None else self._constant @ rotation
+            self.rotation = self._turned @ self._constant
         else:
-            self._turned, self._constant = self.rotation @ rotation, SX.eye(3)
+            self.rotation, self._constant = self.rotation @ rotation, None
+            self._turned = self.rotation
 
     def station(self, parameters: ParameterSet) -> Station:
         """The frame reached so far, with what moved it."""

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal import spatial
+from symcal import kinematics, spatial
 from symcal.kinematics import Chain, frame_vector
 from symcal.model.observation import Observation
 from symcal.model.staged_kernel import StagedKernel
@@ -140,18 +141,29 @@ class Part:
         return np.repeat(whole, (self.components.stop - self.components.start) // self.features, axis=1)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
+class Expressions:
+    """What the parts together say, symbolically, written down when it is asked for; those in stages say it themselves.
+
+    state: q, x and setup. z: all readings. readings: as they would be given. planned: J at zero residual. judged: what
+    is judged. points: of the robot that are measured, each with its Jacobian.
+    """
+
+    state: Mapping[str, SX]
+    z: SX
+    readings: Callable[[], SX]
+    planned: Callable[[], SX]
+    judged: SX
+    points: Callable[[], tuple[SX, SX]]
+
+
+@dataclass(frozen=True, eq=False)
 class Measurement:
     """Any number of observations of one robot; made by `symcal.model.observe.observe`.
 
-    The functions are of all parts but those in stages: `symcal.model.assembled` has them for everything.
+    The functions are of all parts but those in stages: `symcal.model.assembled` has them for everything. They are made
+    when they are first asked for: an identification needs few of them.
 
-    predict:  (q, x, setup) -> h, shape (nz,), as the instruments would give it, one observation after the other.
-    jacobian: (q, x, setup) -> J at zero residual, shape (m, n): the information of a pose that is yet to be measured.
-    accuracy: (q, x, setup, z) -> e: what is judged, by observation: of an instrument that gives points the tool's error
-        in world (mm), then of its attitude (rad); of another one what it says of itself.
-    points: (q, x, setup) -> the points of the robot that are measured, in world, shape (3 k,), mm, and their Jacobian,
-        shape (3 k, n).
     points_called: what the points of the setup are called as parameters.
     growth: slope of the growth of all lengths by the errors, shape (n,), see `symcal.model.growth`; zero where nothing
         asks for it.
@@ -162,13 +174,35 @@ class Measurement:
     parts: tuple[Part, ...]
     groups: tuple[Group, ...]
     points_called: tuple[str, ...]
-    predict: ca.Function
-    jacobian: ca.Function
-    accuracy: ca.Function
-    points: ca.Function
+    expressions: Expressions
     growth: Array = field(default_factory=lambda: np.zeros(0))
     known: tuple[Observation, ...] = ()
     values: tuple[ca.Function, ...] = ()
+
+    @cached_property
+    def predict(self) -> ca.Function:
+        """(q, x, setup) -> h, shape (nz,), as the instruments would give it, one observation after the other."""
+        return self._function("predict", {"h": self.expressions.readings()})
+
+    @cached_property
+    def jacobian(self) -> ca.Function:
+        """(q, x, setup) -> J at zero residual, shape (m, n): the information of a pose that is yet to be measured."""
+        return self._function("planned", {"J": self.expressions.planned()})
+
+    @cached_property
+    def accuracy(self) -> ca.Function:
+        """(q, x, setup, z) -> e: what is judged, by observation: of an instrument that gives points the tool's error in
+        world (mm), then of its attitude (rad); of another one what it says of itself."""
+        return self._function("accuracy", {"e": self.expressions.judged}, {"z": self.expressions.z})
+
+    @cached_property
+    def points(self) -> ca.Function:
+        """(q, x, setup) -> the points of the robot that are measured, in world, shape (3 k,), mm, and their Jacobian,
+        shape (3 k, n)."""
+        return self._function("points", dict(zip(("p", "J"), self.expressions.points(), strict=True)))
+
+    def _function(self, name: str, outputs: dict[str, SX], more: Mapping[str, SX] | None = None) -> ca.Function:
+        return kinematics.function(name, {**self.expressions.state, **(more or {})}, outputs)
 
     def known_rows(self, x: Array, setup: Setup) -> Iterator[tuple[Observation, Array, Array]]:
         """Every known value with its residual over its noise, shape (k,), and the slopes of that, shape (k, n)."""

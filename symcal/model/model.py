@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import InputError
 from symcal.kernels import BatchFunction, batch_function
-from symcal.kinematics import chain, forward
+from symcal.kinematics import chain, forward, function, pose_of
 from symcal.model.assembled import Assembled, RowKernel, errors_kernel, rows_kernel, slopes_kernel
+from symcal.model.content import Content, NoContentError, content
 from symcal.model.measurement import Measurement, Setup
 from symcal.model.observe import observe
 from symcal.model.symbols import numbers_of, places_of
@@ -21,22 +24,86 @@ from symcal.robot.robot import Robot
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class Model:
-    """The compiled measurement model of a task; made once, used for every fit.
+@dataclass(frozen=True, eq=False)
+class Kernels:
+    """What a measurement needs at many postures, each compiled when it is first asked for: an identification needs few.
 
     residuals: one per observation, see `symcal.model.measurement.Part`.
     """
 
+    measurement: Measurement
+    _poses: dict[str, BatchFunction] = field(default_factory=dict, repr=False)
+
+    @cached_property
+    def residuals(self) -> tuple[RowKernel, ...]:
+        return tuple(rows_kernel(part) for part in self.measurement.parts)
+
+    @cached_property
+    def accuracy(self) -> BatchFunction | Assembled:
+        return errors_kernel(self.measurement)
+
+    @cached_property
+    def jacobian(self) -> BatchFunction | Assembled:
+        return slopes_kernel(self.measurement)
+
+    @cached_property
+    def flange(self) -> BatchFunction:
+        return batch_function(forward(self.measurement.chain), evaluations=0)
+
+    @cached_property
+    def points(self) -> BatchFunction:
+        return batch_function(self.measurement.points, evaluations=0)
+
+    def pose(self, station: str) -> BatchFunction:
+        """(q, x, frames) -> where a station of the chain is in world, shape (4, 4), mm."""
+        if station not in self._poses:
+            chain = self.measurement.chain
+            state = {"q": chain.q, "x": chain.x, "frames": chain.frames}
+            pose = function("pose", state, {"T": pose_of(chain.stations[station])})
+            self._poses[station] = batch_function(pose, evaluations=0)
+        return self._poses[station]
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """The measurement model of a task; made once, used for every fit.
+
+    setup: where things nominally are.
+    """
+
     task: Task
     robot: Robot
-    measurement: Measurement
-    residuals: tuple[RowKernel, ...]
-    accuracy: BatchFunction | Assembled
-    jacobian: BatchFunction | Assembled
-    flange: BatchFunction
+    kernels: Kernels
     setup: Setup
-    points: BatchFunction
+
+    @property
+    def measurement(self) -> Measurement:
+        return self.kernels.measurement
+
+    @property
+    def residuals(self) -> tuple[RowKernel, ...]:
+        """See `Kernels`."""
+        return self.kernels.residuals
+
+    @property
+    def accuracy(self) -> BatchFunction | Assembled:
+        """(q, x, setup, z) -> what is judged, see `Measurement.accuracy`."""
+        return self.kernels.accuracy
+
+    @property
+    def jacobian(self) -> BatchFunction | Assembled:
+        """(q, x, setup) -> J at zero residual, see `Measurement.jacobian`."""
+        return self.kernels.jacobian
+
+    @property
+    def flange(self) -> BatchFunction:
+        """(q, x, frames) -> the tool's pose and Jacobians, see `symcal.kinematics.forward`."""
+        return self.kernels.flange
+
+    @property
+    def points(self) -> BatchFunction:
+        """(q, x, setup) -> what of the robot is measured, see `Measurement.points`."""
+        return self.kernels.points
 
     @property
     def parameters(self) -> ParameterSet:
@@ -48,24 +115,24 @@ class Model:
         (only,) = self.residuals
         return only
 
-    @property
+    @cached_property
     def kinematic(self) -> tuple[str, ...]:
         """Parameters of links and joint terms that may be identified."""
         return tuple(name for name in self.robot.parameters if name not in self.task.fix)
 
-    @property
+    @cached_property
     def offsets(self) -> tuple[str, ...]:
         """Zero offsets of the joints."""
         wanted = {zero_name(j.revolute, i) for i, j in enumerate(self.robot.joints, start=1)}
         return tuple(name for name in self.kinematic if name in wanted)
 
-    @property
+    @cached_property
     def placement(self) -> tuple[str, ...]:
         """Parameters of frames, points and instruments that are estimated."""
         links = self.robot.parameters
         return tuple(name for name in self.parameters.names if name not in links and name not in self.task.fix)
 
-    @property
+    @cached_property
     def frames(self) -> tuple[str, ...]:
         """The placement without the numbers of a camera, which come from its calibration."""
         calibrated = {
@@ -95,32 +162,52 @@ class State:
     unplaced: tuple[str, ...] = ()
 
 
+_MODELS = 16  # of different content that are kept: an identification with joint terms and a remainder needs six
+
+
+@dataclass(frozen=True, slots=True)
+class _Wanted:
+    """A robot and a task, told apart by what they hold."""
+
+    held: Content
+    robot: Robot = field(compare=False, repr=False)
+    task: Task = field(compare=False, repr=False)
+
+
 def build_model(robot: Robot, task: Task) -> Model:
-    """Build and compile the symbolic model of a task.
+    """The symbolic model of a task; kernels are compiled when they are first asked for.
+
+    Models of the same robot and task, by what these hold, share their expressions and kernels within a process, unless
+    `_MODELS` others came in between.
 
     Raises:
         InputError: names in fix, scales or priors that the model does not have; parts that cannot be estimated
         together.
     """
+    bare = replace(robot, record=None), task.without_data
+    try:
+        held = content(bare)
+    except NoContentError:  # an instrument of one's own that does not say what it holds
+        kernels = _kernels(*bare)
+    else:
+        kernels = _kept(_Wanted(held, *deepcopy(bare)))  # whatever is done with the originals later changes nothing
+    return Model(task, robot, kernels, nominal_setup(robot, task))
+
+
+@lru_cache(maxsize=_MODELS)
+def _kept(wanted: _Wanted) -> Kernels:
+    return _kernels(wanted.robot, wanted.task)
+
+
+def _kernels(robot: Robot, task: Task) -> Kernels:
     parameters = task.parameters(robot)
     for name in task.fix:
         if name not in parameters.names:
             raise InputError("no such parameter to fix", key="identification.fix", found=name, allowed=parameters.names)
     parameters = parameters.with_scales(task.scales).with_priors(task.priors)
     symbolic = chain(robot, parameters)
-    measurement = observe(chain(robot, parameters, conditions=True), *task.observations, values=task.values)
-    measurement = replace(measurement, chain=symbolic)
-    return Model(
-        task=task,
-        robot=robot,
-        measurement=measurement,
-        residuals=tuple(rows_kernel(part) for part in measurement.parts),
-        accuracy=errors_kernel(measurement),
-        jacobian=slopes_kernel(measurement),
-        flange=batch_function(forward(symbolic), evaluations=0),
-        setup=nominal_setup(robot, task),
-        points=batch_function(measurement.points, evaluations=0),
-    )
+    under = chain(robot, parameters, conditions=True) if robot.conditions else symbolic
+    return Kernels(replace(observe(under, *task.observations, values=task.values), chain=symbolic))
 
 
 def nominal_setup(robot: Robot, task: Task) -> Setup:

@@ -20,9 +20,10 @@ import casadi as ca
 import numpy as np
 
 from symcal import kinematics
+from symcal.instruments import Instrument
 from symcal.kinematics import Chain
 from symcal.model.facing import limits_of, margins_of
-from symcal.model.measurement import Group, Measurement, Part
+from symcal.model.measurement import Expressions, Group, Measurement, Part
 from symcal.model.observation import Observation
 from symcal.model.staged_kernel import StagedKernel, staged_kernel
 from symcal.model.stages import stages
@@ -41,15 +42,17 @@ def observe(chain: Chain, *observations: Observation, values: tuple[Observation,
     """
     scene = Symbols.of(chain, (*observations, *values))
     state = {"q": chain.q, "x": chain.x, "setup": scene.setup}
-    every = _Expressions()
+    z: list[SX] = []
+    read: list[tuple[Observation, Feature]] = []
     readings = components = errors = 0
     parts: list[Part] = []
     groups: list[Group] = []
     everything: list[SX] = []
     for i, observation in enumerate(observations):
-        kind, own = observation.instrument, _Expressions()
+        kind, own = observation.instrument, _Gathered()
         for feature in () if observation.staged else scene.features(observation):
             own.add(observation, feature, scene.growth)
+        read += [(observation, each) for each in own.features]
         size = sum(quantity.size for quantity in kind.quantities)
         count = max(len(observation.features), 1)
         width, m = len(kind.columns) * count, size * count
@@ -66,21 +69,26 @@ def observe(chain: Chain, *observations: Observation, values: tuple[Observation,
         )
         groups += _groups(observation, components, count, alone=len({o.of for o in observations}) == 1)
         everything += [*own.errors, *own.attitudes]
-        every.extend(own)
+        z += own.z
         readings, components, errors = readings + width, components + m, errors + judged + turned
     n = len(chain.parameters)
-    z = _stacked(every.z)
-    where = scene.robot_points(observations)
+
+    def points() -> tuple[SX, SX]:
+        where = scene.robot_points(observations)
+        return ca.vertcat(*(p for p, _ in where)), ca.vertcat(*(j for _, j in where))
+
     return Measurement(
         chain=chain,
         parts=tuple(parts),
         groups=_together(groups),
         points_called=tuple(scene.coordinates),
-        predict=kinematics.function("predict", state, {"h": _stacked(every.readings)}),
-        jacobian=kinematics.function("planned", state, {"J": _stacked(every.planned, n)}),
-        accuracy=kinematics.function("accuracy", state | {"z": z}, {"e": _stacked(everything)}),
-        points=kinematics.function(
-            "points", state, {"p": ca.vertcat(*(p for p, _ in where)), "J": ca.vertcat(*(j for _, j in where))}
+        expressions=Expressions(
+            state,
+            z=_stacked(z),
+            readings=lambda: _stacked([_reading(*each) for each in read]),
+            planned=lambda: _stacked([_planned(*each, scene.growth) for each in read], n),
+            judged=_stacked(everything),
+            points=points,
         ),
         growth=scene.slope,
         known=values,
@@ -88,16 +96,37 @@ def observe(chain: Chain, *observations: Observation, values: tuple[Observation,
     )
 
 
-def _contact(name: str, state: dict[str, SX], own: _Expressions) -> ca.Function:
+def _reading(observation: Observation, feature: Feature) -> SX:
+    return observation.instrument.predict(feature.rotation, feature.point, feature.own)
+
+
+def _planned(observation: Observation, feature: Feature, growth: tuple[SX, SX]) -> SX:
+    """Slopes at a residual of zero."""
+    kind = observation.instrument
+    slopes = _slopes(kind, feature, None)
+    return slopes / growth[0] if kind.constrains else slopes
+
+
+def _slopes(kind: Instrument, feature: Feature, reading: SX | None) -> SX:
+    """Slopes of a residual by all parameters, without the growth."""
+    by_twist, by_own = kind.slopes(feature.rotation, feature.point, reading, feature.own)
+    jacobian = by_twist @ feature.twist
+    for i, column in feature.by_own.items():
+        jacobian[:, column] = by_own[:, i]
+    return jacobian
+
+
+def _contact(name: str, state: dict[str, SX], observation: Observation, own: _Gathered) -> ca.Function:
     """How far a posture is from a constraint, how that changes with the joints, and where the point is."""
-    c = ca.vertcat(*own.readings)
-    return kinematics.function(name, state, {"c": c, "G": ca.jacobian(c, state["q"]), "p": ca.vertcat(*own.points)})
+    c = ca.vertcat(*(_reading(observation, feature) for feature in own.features))
+    points = ca.vertcat(*(feature.point for feature in own.features))
+    return kinematics.function(name, state, {"c": c, "G": ca.jacobian(c, state["q"]), "p": points})
 
 
 def _value(scene: Symbols, name: str, observation: Observation, state: dict[str, SX]) -> ca.Function:
     """(q, x, setup) -> residual of a known value over its noise, and its Jacobian; q is of no account."""
     assert observation.value is not None
-    kind, rows = observation.instrument, _Expressions()
+    kind, rows = observation.instrument, _Gathered()
     for feature in scene.features(observation):
         rows.add(observation, feature, None)
     sigma = np.concatenate([np.full(q.size, observation.noise[q.noise]) for q in kind.quantities])
@@ -107,7 +136,7 @@ def _value(scene: Symbols, name: str, observation: Observation, state: dict[str,
 
 
 def _functions(
-    scene: Symbols, state: dict[str, SX], observation: Observation, own: _Expressions, name: str
+    scene: Symbols, state: dict[str, SX], observation: Observation, own: _Gathered, name: str
 ) -> tuple[ca.Function | StagedKernel, ca.Function | None, ca.Function | None]:
     """Residuals of an observation, its margins unless they are in stages too, and what its postures must lie on."""
     if observation.staged:
@@ -119,8 +148,11 @@ def _functions(
         {"r": ca.vertcat(*own.residuals), "J": ca.vertcat(*own.jacobians)},
     )
     limits, constrains = limits_of(observation), observation.instrument.constrains
-    margins = kinematics.function(f"{name}_margins", state, {"m": ca.vertcat(*own.margins)}) if limits else None
-    return residual, margins, _contact(f"{name}_contact", state, own) if constrains else None
+    margins = None
+    if limits:
+        each = (margins_of(observation, at.rotation, at.point, at.own) for at in own.features)
+        margins = kinematics.function(f"{name}_margins", state, {"m": ca.vertcat(*each)})
+    return residual, margins, _contact(f"{name}_contact", state, observation, own) if constrains else None
 
 
 def _stacked(rows: list[SX], columns: int = 1) -> SX:
@@ -160,47 +192,30 @@ def _together(groups: list[Group]) -> tuple[Group, ...]:
 
 
 @dataclass(slots=True)
-class _Expressions:
+class _Gathered:
     """What is gathered feature by feature; lives only inside `observe`."""
 
+    features: list[Feature] = field(default_factory=list)
     z: list[SX] = field(default_factory=list)
-    readings: list[SX] = field(default_factory=list)
     residuals: list[SX] = field(default_factory=list)
     jacobians: list[SX] = field(default_factory=list)
-    planned: list[SX] = field(default_factory=list)
     errors: list[SX] = field(default_factory=list)
     attitudes: list[SX] = field(default_factory=list)
-    margins: list[SX] = field(default_factory=list)
-    points: list[SX] = field(default_factory=list)
 
     def add(self, observation: Observation, feature: Feature, growth: tuple[SX, SX] | None) -> None:
         """Args: growth: g and dg/dx, shape (1, n), that residuals of constraints are taken by."""
         kind, at = observation.instrument, (feature.rotation, feature.point)
         reading = SX.sym("z", len(kind.columns))
-        residual = kind.residual(*at, reading, feature.own)
-        by_growth = SX(residual.numel(), feature.twist.shape[1])
-        share = SX(1)
+        residual, jacobian = kind.residual(*at, reading, feature.own), _slopes(kind, feature, reading)
         if kind.constrains and growth is not None:
             share, slope = growth
             residual = residual / share
-            by_growth = residual @ slope / share
-        for measured, into in ((reading, self.jacobians), (None, self.planned)):
-            by_twist, by_own = kind.slopes(*at, measured, feature.own)
-            jacobian = by_twist @ feature.twist
-            for i, column in feature.by_own.items():
-                jacobian[:, column] = by_own[:, i]
-            into.append(jacobian / share - (0 if measured is None else by_growth))
+            jacobian = jacobian / share - residual @ slope / share
         riding = observation.riding and observation.reports == "target"
         shift, attitude = kind.miss(*at, reading, feature.own, riding=riding)
-        self.points.append(feature.point)
-        self.margins.append(margins_of(observation, *at, feature.own))
+        self.features.append(feature)
         self.z.append(reading)
-        self.readings.append(kind.predict(*at, feature.own))
         self.residuals.append(residual)
+        self.jacobians.append(jacobian)
         self.errors.append(feature.to_world @ shift if kind.judged_in_world else shift)
         self.attitudes.append(attitude)
-
-    def extend(self, other: _Expressions) -> None:
-        self.z += other.z
-        self.readings += other.readings
-        self.planned += other.planned

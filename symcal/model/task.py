@@ -183,6 +183,13 @@ class Task:
             priors=priors.values(),
         )
 
+    @property
+    def without_data(self) -> Task:
+        """The same task without what its observations have read."""
+        bare = (tuple(replace(o, data=None) for o in each) for each in (self.observations, self.values))
+        observations, values = bare
+        return replace(self, observations=observations, values=values)
+
     def observed(self, observations: Iterable[Observation]) -> Task:
         """The same task with other observations, and what is known of the things in them."""
         kept = tuple(observations)

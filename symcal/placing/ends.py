@@ -16,9 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal import kinematics
 from symcal.data.dataset import Dataset
-from symcal.kernels import batch_function
 from symcal.model.measurement import Setup
 from symcal.model.model import Model
 from symcal.model.observation import Observation, Place
@@ -64,12 +62,7 @@ class Ends:
         on, model = self.moving.place.on, self.model
         links = np.where([name in model.robot.parameters for name in model.parameters.names], x, 0.0)
         bare = Setup(np.eye(4), np.eye(4)).vector
-        if on in ("flange", "tool"):
-            return np.asarray(model.flange(q, links, bare)[0])
-        chain = model.measurement.chain
-        state = {"q": chain.q, "x": chain.x, "frames": chain.frames}
-        pose = kinematics.function("link", state, {"T": kinematics.pose_of(chain.stations[on])})
-        return np.asarray(batch_function(pose, evaluations=0)(q, links, bare)[0])
+        return np.asarray(model.kernels.pose("flange" if on == "tool" else on)(q, links, bare)[0])
 
     def registration(self, setup: Setup) -> Registration:
         """What is known of left, right and points."""

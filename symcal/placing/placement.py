@@ -14,8 +14,9 @@ import scipy
 from numpy.typing import NDArray
 
 from symcal.data.dataset import Dataset
-from symcal.fit.estimation import Fit, Options, fit
-from symcal.fit.residual_rows import rows_of
+from symcal.fit.estimation import Fit, Options, fit, minimised, variance_model
+from symcal.fit.residual_rows import Rows, rows_of
+from symcal.fit.variances import Variances
 from symcal.model.measurement import Setup
 from symcal.model.model import Model, State
 from symcal.model.observation import Observation
@@ -57,18 +58,19 @@ class Placed:
         )
 
 
-def place(model: Model, data: Dataset, options: Options, starts: int = STARTS) -> Setup:
+def place(model: Model, data: Dataset, options: Options, starts: int = STARTS, near: Setup | None = None) -> Setup:
     """See `placed`."""
-    return placed(model, data, options, starts).setup
+    return placed(model, data, options, starts, near).setup
 
 
-def placed(model: Model, data: Dataset, options: Options, starts: int = STARTS) -> Placed:
+def placed(model: Model, data: Dataset, options: Options, starts: int = STARTS, near: Setup | None = None) -> Placed:
     """The model's frames and points as nominal kinematics and the data have them; always by Levenberg-Marquardt.
 
     A frame of which something is held starts from nominal, so that what is held stays as it was.
 
     Args:
         starts: of a search for an instrument that is not placed in closed form, at least.
+        near: where everything roughly is: nothing is searched for then, but for a fixed camera alone.
     """
     free = placed_by(model, data)
     if not free:
@@ -80,7 +82,10 @@ def placed(model: Model, data: Dataset, options: Options, starts: int = STARTS) 
         # what nominal kinematics leaves is no noise of instruments: stated ones would tell how they share it
         options = replace(options, sigma={})
     nominal = State(model, model.setup, np.zeros(len(model.parameters)))
-    start = _start(nominal, data, free, options, starts)
+    if near is None:
+        start = _start(nominal, data, free, options, starts)
+    else:
+        start = Placed(_like(nominal, near, tuple(_open(model, free))))
     odd, agreeing = disagreements(model, data, start.setup)
     found = _fit(replace(nominal, setup=start.setup), agreeing, free, options)
     return Placed(_found(model, found, free), start.searches, odd)
@@ -103,11 +108,13 @@ def settled(state: State, data: Dataset, near: Setup | None = None) -> State:
 
 
 def _like(state: State, near: Setup, names: tuple[str, ...]) -> Setup:
-    """The setup of a state with places, points and numbers of these parameters as another one has them."""
+    """The setup of a state with frames, points and numbers of these parameters as another one has them."""
     setup, wanted = state.setup, {name.rpartition("_")[0] for name in names}
     chosen = [name in wanted for name in state.model.measurement.points_called]
     return replace(
         setup,
+        base=near.base if "base" in wanted else setup.base,
+        tool=near.tool if "tool" in wanted else setup.tool,
         points=np.where(np.reshape(chosen, (-1, 1)), near.points, setup.points),
         places={name: near.places[name] if name in wanted else place for name, place in setup.places.items()},
         own={name: near.own[name] if name in names else value for name, value in setup.own.items()},
@@ -236,7 +243,7 @@ def _by_points(state: State, end: Ends, own: Dataset, data: Dataset, options: Op
     plain = replace(options, loss="linear", sigma=sigma)
     alone, told = _read_by(model, data, [end.observation]), _told(end.observation) & end.open
     names = tuple(name for name in model.placement if name in told)
-    return min(setups, key=lambda s: _total(model, alone, _fit(replace(state, setup=s), alone, names, plain)))
+    return min(setups, key=lambda s: _left(replace(state, setup=s), alone, names, plain))
 
 
 def _read_by(model: Model, data: Dataset, wanted: Iterable[Observation]) -> Dataset:
@@ -253,16 +260,34 @@ def _read_by(model: Model, data: Dataset, wanted: Iterable[Observation]) -> Data
 
 def _fit(state: State, data: Dataset, free: Iterable[str], options: Options, *, alone: bool = False) -> Fit:
     """Args: alone: by the readings alone, whatever else is known."""
-    model = state.model
+    names = _framed(state.model, free)
+    return fit(_rows(state, data, names, alone=alone), names, options, state.x, prior_mean=_stated(state))
+
+
+def _framed(model: Model, free: Iterable[str]) -> tuple[str, ...]:
     frames = set(model.frames)
-    names = tuple(name for name in free if name in frames)
+    return tuple(name for name in free if name in frames)
+
+
+def _rows(state: State, data: Dataset, names: tuple[str, ...], *, alone: bool = False) -> Rows:
+    model = state.model
     # what is known between things counts once all of them are placed
     others = set(model.placement) if alone else set(model.placement) - set(names)
-    rows = rows_of(model.measurement, data, state.setup, model.residuals, others)
-    return fit(rows, names, options, state.x, prior_mean=stated(model, state.setup))
+    return rows_of(model.measurement, data, state.setup, model.residuals, others)
 
 
-def _total(model: Model, data: Dataset, candidate: Fit) -> float:
-    """Squared residuals of a placement with poses seen as points, so that guesses are compared in one unit."""
-    r, _ = rows_of(model.measurement, data, candidate.setup, model.residuals)(candidate.x)
-    return float(np.sum((r * model.measurement.per_unit({"mm": 1.0, "rad": LEVER, "px": 1.0})) ** 2))
+def _stated(state: State) -> Array:
+    return stated(state.model, state.setup)
+
+
+def _left(state: State, data: Dataset, free: Iterable[str], options: Options) -> float:
+    """Squared residuals that a guess leaves after a rough fit of the free frames, all noise given; infinite where it
+    gives no number. Poses are seen as points, so that guesses are compared in one unit."""
+    model, names = state.model, _framed(state.model, free)
+    rows = _rows(state, data, names)
+    system = variance_model(rows, names, options, state.x, prior_mean=_stated(state))
+    given = Variances(dict(options.sigma), dict.fromkeys(system.system.groups, 1.0), rows.seen.astype(float))
+    solution = minimised(system, options, given, state.x)
+    r = rows.residual(system.system.at(solution.x))
+    left = float(np.sum((r * model.measurement.per_unit({"mm": 1.0, "rad": LEVER, "px": 1.0})) ** 2))
+    return left if np.isfinite(left) else np.inf

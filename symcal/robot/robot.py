@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -99,7 +100,7 @@ def _identity() -> Array:
     return np.eye(4)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Robot:
     """A serial chain: T_world_tool(q) = base * T_1(q_1) ... T_n(q_n) * tool.
 
@@ -126,7 +127,7 @@ class Robot:
     def dof(self) -> int:
         return len(self.links)
 
-    @property
+    @cached_property
     def joints(self) -> tuple[Joint, ...]:
         return tuple(link.joint for link in self.links)
 
@@ -153,17 +154,17 @@ class Robot:
         """What of a pose the terms depend on beside joint readings; zero is nominal."""
         return tuple(dict.fromkeys(name for term in self.terms for name in term.conditions))
 
-    @property
+    @cached_property
     def parameters(self) -> dict[str, float]:
         """Parameters of links and joint terms by name, in the order of the parameter vector."""
         return self.link_parameters | {name: p.value for name, p in self.term_parameters.items()}
 
-    @property
+    @cached_property
     def term_parameters(self) -> dict[str, TermParameter]:
         """Numbers of joint terms by name (`q2_sin_1`, ...)."""
         return {p.name: p for term in self.terms for p in term.parameters}
 
-    @property
+    @cached_property
     def described(self) -> tuple[Parameter, ...]:
         """`parameters` with unit and plausible size."""
         links = [(name, _unit(name), value) for name, value in self.link_parameters.items()]
@@ -173,7 +174,7 @@ class Robot:
             for p in self.term_parameters.values()
         )
 
-    @property
+    @cached_property
     def link_parameters(self) -> dict[str, float]:
         """Link parameters by name (`theta_1`, ...), by kind and then by link."""
         return {

@@ -141,7 +141,7 @@ def least(quadratic: Array) -> tuple[Array, Array]:
 def left(quadratic: Array, m: Array) -> Array:
     """What a rotation leaves of a form, shape (...), mm^2."""
     v = np.concatenate([m.reshape(*m.shape[:-2], 9), -np.ones((*m.shape[:-2], 1))], axis=-1)
-    return np.asarray(np.maximum(np.einsum("...i,...ij,...j->...", v, quadratic, v), 0.0))
+    return np.asarray(np.maximum((v[..., None, :] @ quadratic @ v[..., :, None])[..., 0, 0], 0.0))
 
 
 _TURNS = np.array([turn for *_, turn in signed_permutations() if np.linalg.det(turn) > 0])
@@ -164,25 +164,34 @@ def _projected(flat: Array) -> Array:
 
 
 def _descended(flat: Array, m: Array, steps: int) -> tuple[Array, Array]:
-    a, cost = flat[..., :9, :9], left(flat, m)
-    size = np.maximum(np.trace(a, axis1=-2, axis2=-1) / 3, 1e-12)
+    """Rotations (K, S, 3, 3) after at most so many steps on K forms, shape (K, 1, 10, 10), and what they leave, (K, S).
+
+    One that has settled takes no part in further steps.
+    """
+    over = m.shape[:2]
+    every = np.broadcast_to(flat, (*over, 10, 10)).reshape(-1, 10, 10)
+    m = m.reshape(-1, 3, 3).copy()
+    cost = left(every, m)
+    size = np.maximum(np.trace(every[:, :9, :9], axis1=-2, axis2=-1) / 3, 1e-12)
     damping = np.full(cost.shape, 1e-3)
+    open_ = np.arange(len(m))
     for _ in range(steps):
-        slopes = np.einsum("ksij,gjl->ksgil", m, _GENERATORS).reshape(*m.shape[:2], 3, 9)
-        v = np.concatenate([m.reshape(*m.shape[:2], 9), -np.ones((*m.shape[:2], 1))], axis=-1)
-        gradient = np.einsum("ksgi,ksi->ksg", slopes, v @ flat[:, 0, :, :9])
-        curved = slopes @ a @ np.swapaxes(slopes, -1, -2)
-        curved = curved + (damping * size + 1e-300)[..., None, None] * np.eye(3)
-        step = np.linalg.solve(curved, -gradient[..., None])[..., 0]
-        tried = m @ _turned(step)
-        new = left(flat, tried)
-        better = new < cost
-        gain = float(np.max((cost - new)[better] / np.maximum(cost[better], 1e-300), initial=0.0))
-        m, cost = np.where(better[..., None, None], tried, m), np.where(better, new, cost)
-        damping = np.clip(np.where(better, damping / 5, damping * 5), 1e-12, 1e6)
-        if gain < _SETTLED and not (~better & (damping < 1e3)).any():
+        if not open_.size:
             break
-    return m, cost
+        form_, at, was = every[open_], m[open_], cost[open_]
+        slopes = (at[:, None] @ _GENERATORS).reshape(-1, 3, 9)
+        v = np.concatenate([at.reshape(-1, 9), -np.ones((len(at), 1))], axis=1)
+        gradient = slopes @ (form_[:, :9] @ v[:, :, None])
+        curved = slopes @ form_[:, :9, :9] @ np.swapaxes(slopes, -1, -2)
+        curved += (damping[open_] * size[open_] + 1e-300)[:, None, None] * np.eye(3)
+        tried = at @ _turned(np.linalg.solve(curved, -gradient)[:, :, 0])
+        new = left(form_, tried)
+        better = new < was
+        m[open_[better]], cost[open_[better]] = tried[better], new[better]
+        damping[open_] = np.clip(np.where(better, damping[open_] / 5, damping[open_] * 5), 1e-12, 1e6)
+        settled = np.where(better, was - new < _SETTLED * np.maximum(was, 1e-300), damping[open_] >= 1e3)
+        open_ = open_[~settled]
+    return m.reshape(*over, 3, 3), cost.reshape(over)
 
 
 def _turned(vector: Array) -> Array:

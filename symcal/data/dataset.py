@@ -120,9 +120,23 @@ class Dataset:
             conditions={name: values[index] for name, values in self.conditions.items()},
         )
 
+    def between(self, own: slice) -> Dataset:
+        """Consecutive poses; arrays are views of these."""
+        return replace(
+            self,
+            q=self.q[own],
+            z=self.z[own],
+            labels=self.labels[own],
+            split=self.split[own],
+            sigma=None if self.sigma is None else self.sigma[own],
+            covariance=None if self.covariance is None else self.covariance[own],
+            conditions={name: values[own] for name, values in self.conditions.items()},
+        )
+
     def part(self, split: str) -> Dataset:
-        """The poses of one split."""
-        return self.take(np.array([s == split for s in self.split], dtype=bool))
+        """The poses of one split; the data themselves where that is all of them."""
+        wanted = np.array([s == split for s in self.split], dtype=bool)
+        return self if wanted.all() else self.take(wanted)
 
 
 def with_random_test(data: Dataset, fraction: float, rng: np.random.Generator) -> Dataset:

@@ -105,8 +105,8 @@ class Groups:
 
     def covariance(self, group: str) -> Array:
         """Of the free parameters, were a group as large as is plausible, shape (n, n): what the data tell of it."""
-        system, factors = self.model.system, self.variances.factors | {group: 1.0}
-        rows = system.rows_at(self.x, self.model.spread(self.variances), factors)[:, :-1]
+        system, given = self.model.system, replace(self.variances, factors=self.variances.factors | {group: 1.0})
+        rows = self.model.rows_with(given)(self.x)[:, :-1]
         root = solve_triangular(np.linalg.qr(rows, mode="r"), np.eye(rows.shape[1]))
         return np.asarray(np.outer(system.scales, system.scales) * (root @ root.T))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +15,9 @@ from symcal.model.staged_kernel import StagedKernel, Twists
 
 Array = NDArray[np.float64]
 
+WHOLE = 12_288
+"""Components of residuals that are linearised at once. Of more, the Jacobian is never whole: see `Rows.pieces`."""
+_AT_ONCE = 3072  # components of a piece: with its slopes it stays in the cache of a processor
 _NO_VARIANCE = 1e-13
 """Variances below this share of a pose's largest are rounding of none at all."""
 
@@ -65,8 +68,8 @@ def _picked(r: Array, jacobian: Array, spread: Array, index: NDArray[np.intp], s
     keep = np.flatnonzero(np.isfinite(spread).ravel())
     inverse = 1 / spread.ravel()[keep]
     out = np.empty((len(keep), len(index) + 1))
-    out[:, :-1] = jacobian.reshape(r.size, -1)[np.ix_(keep, index)]
-    out[:, :-1] *= scales
+    flat = jacobian.reshape(r.size, -1)
+    np.multiply(flat[:, index] if len(keep) == r.size else flat[np.ix_(keep, index)], scales, out=out[:, :-1])
     out[:, -1] = r.ravel()[keep]
     out *= inverse[:, None]
     return out
@@ -133,7 +136,39 @@ class Rows:
 
     def residual(self, x: Array) -> Array:
         """The residuals alone, shape (N, m)."""
-        return self.at(x).r
+        if not self.many:
+            return self.at(x).r
+        out = np.empty(self.seen.shape)
+        for own, rows in self.pieces():
+            out[own] = rows.at(x).r
+        return out
+
+    @property
+    def many(self) -> bool:
+        """Whether there are so many that their Jacobian is never held whole."""
+        return self.seen.size > WHOLE
+
+    def pieces(self) -> Iterator[tuple[slice, Rows]]:
+        """Which poses, and their rows: a piece at a time where there are `many`, else all at once.
+
+        Borders are by the numbers of poses and components alone, so that results repeat.
+        """
+        count = len(self.seen)
+        step = max(_AT_ONCE // max(self.seen.shape[1], 1), 1) if self.many else count
+        for first in range(0, count, max(step, 1)):
+            own = slice(first, min(first + step, count))
+            yield own, self._between(own) if self.many else self
+
+    def _between(self, own: slice) -> Rows:
+        numbers = [np.searchsorted(poses, (own.start, own.stop)) for poses in self.poses]
+        return replace(
+            self,
+            data=self.data.between(own),
+            poses=tuple(poses[a:b] - own.start for poses, (a, b) in zip(self.poses, numbers, strict=True)),
+            z=self.z[own],
+            seen=self.seen[own],
+            mixing=None if self.mixing is None else self.mixing[own],
+        )
 
     def _evaluated(self, x: Array) -> tuple[Array, Array]:
         if len(self.kernels) == 1:

@@ -94,6 +94,11 @@ def compressed(rows: Array) -> Array:
     return np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
 
 
+def appended(triangle: Array, rows: Array) -> Array:
+    """The triangle of rows (k, n + 1) and of those that a first one stands for, shape (l, n + 1)."""
+    return np.asarray(np.linalg.qr(np.vstack([triangle, rows]), mode="r")) if len(rows) else triangle
+
+
 def at_variances(blocks: Sequence[Block], known: Array, phi: Array, ties: Sequence[Tie] = ()) -> Components:
     """The model at log variances ``phi``.
 

@@ -14,6 +14,8 @@ from symcal.words import in_short
 
 Array = NDArray[np.float64]
 
+SOME = 4096
+"""Poses that stand for all where there are more and only their mean, or a first guess, is asked for."""
 _ONE_POSTURE = 2e-5  # rad and mm: joint readings that files round differently
 
 
@@ -133,10 +135,19 @@ class Dataset:
             conditions={name: values[own] for name, values in self.conditions.items()},
         )
 
+    def few(self) -> Dataset:
+        """At most `SOME` poses, evenly spread in their order; the data themselves where there are no more."""
+        return self if len(self) <= SOME else self.take(evenly(len(self)))
+
     def part(self, split: str) -> Dataset:
         """The poses of one split; the data themselves where that is all of them."""
         wanted = np.array([s == split for s in self.split], dtype=bool)
         return self if wanted.all() else self.take(wanted)
+
+
+def evenly(count: int, most: int = SOME) -> NDArray[np.intp]:
+    """Numbers of at most so many of ``count`` poses, evenly spread in their order."""
+    return np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(np.intp)
 
 
 def with_random_test(data: Dataset, fraction: float, rng: np.random.Generator) -> Dataset:

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.fit.variance_components import appended
 from symcal.fit.variances import VarianceModel, Variances
+from symcal.fit.whitened import Whitened
 
 Array = NDArray[np.float64]
 Fold = NDArray[np.intp]
+
+_WAITING = 1000  # rows of a fold that are appended to its triangle together
 
 
 def steps_without(
@@ -25,24 +30,56 @@ def steps_without(
         folds: numbers of poses that are left out together.
     """
     system = model.system
-    linear, spread = system.rows.at(x), model.spread(variances)
     known = system.known_rows(x, variances.factors)
-    for fold in folds:
-        own = spread.copy()
-        own[fold] = np.inf
-        rows = system.picked(linear, own)
-        stacked = np.vstack([rows, known])
+    for fold, others, own in _apart(model, x, variances, folds):
+        stacked = np.vstack([others, known])
         y = np.linalg.lstsq(stacked[:, :-1], -stacked[:, -1], rcond=None)[0]
-        loose = np.flatnonzero(system.before.nearly_free & ~rows[:, :-1].any(axis=0))
+        loose = np.flatnonzero(system.before.nearly_free & ~others[:, :-1].any(axis=0))
         if loose.size:
-            own = np.full_like(spread, np.inf)
-            own[fold] = spread[fold]
-            told = system.picked(linear, own)
+            told = own()
             left = told[:, :-1] @ y + told[:, -1]
             y[loose] -= np.linalg.lstsq(told[:, loose], left, rcond=None)[0]
         step = np.zeros(len(x))
         step[system.index] = system.scales * y
         yield fold, step
+
+
+def _apart(
+    model: VarianceModel, x: Array, variances: Variances, folds: Sequence[Fold]
+) -> Iterator[tuple[Fold, Array, Callable[[], Array]]]:
+    """Every fold with the whitened rows of all other poses, shape (k, n + 1), and its own."""
+    system, spread = model.system, model.spread(variances)
+    if system.rows.many:
+        triangles, rest = _by_fold(system, x, spread, folds)
+        for i, fold in enumerate(folds):
+            others = np.vstack([rest, *(each for k, each in enumerate(triangles) if k != i)])
+            yield fold, appended(np.zeros((0, others.shape[1])), others), partial(triangles.__getitem__, i)
+        return
+    linear = system.rows.at(x)
+    for fold in folds:
+        others, own = spread.copy(), np.full_like(spread, np.inf)
+        others[fold] = np.inf
+        own[fold] = spread[fold]
+        yield fold, system.picked(linear, others), partial(system.picked, linear, own)
+
+
+def _by_fold(system: Whitened, x: Array, spread: Array, folds: Sequence[Fold]) -> tuple[list[Array], Array]:
+    """The triangle of the rows of every fold, and that of poses which are in none; one look at all rows."""
+    of = np.full(len(spread), len(folds))
+    for i, fold in enumerate(folds):
+        of[fold] = i
+    out = [np.zeros((0, len(system.free) + 1)) for _ in range(len(folds) + 1)]
+    waiting: list[list[Array]] = [[] for _ in out]
+    for own, rows in system.rows.pieces():
+        linear = rows.at(x)
+        for i in np.unique(of[own]):
+            waiting[i].append(system.picked(linear, np.where((of[own] == i)[:, None], spread[own], np.inf)))
+            if sum(map(len, waiting[i])) > _WAITING:
+                out[i], waiting[i] = appended(out[i], np.vstack(waiting[i])), []
+    *folded, rest = (
+        appended(triangle, np.vstack(more)) if more else triangle for triangle, more in zip(out, waiting, strict=True)
+    )
+    return folded, rest
 
 
 def folds_of(model: VarianceModel, count: int) -> list[Fold]:

@@ -15,9 +15,10 @@ from symcal.model.staged_kernel import StagedKernel, Twists
 
 Array = NDArray[np.float64]
 
-WHOLE = 12_288
-"""Components of residuals that are linearised at once. Of more, the Jacobian is never whole: see `Rows.pieces`."""
+FEW_POSES, FEW_COMPONENTS = 1024, 12_288
+"""Of more poses and components of residuals than these, the Jacobian is never held whole: see `Rows.pieces`."""
 _AT_ONCE = 3072  # components of a piece: with its slopes it stays in the cache of a processor
+_FEWEST = 64  # poses of a piece
 _NO_VARIANCE = 1e-13
 """Variances below this share of a pose's largest are rounding of none at all."""
 
@@ -34,11 +35,16 @@ class Linear:
     slopes: tuple[tuple[slice, NDArray[np.intp], Array | Twists], ...]
 
     def moved(self, step: Array) -> Array:
-        """r + J step: the residuals to first order after a change of all parameters, shape (N, m)."""
+        """r + J step: the residuals to first order after a change of all parameters, shape (N, m).
+
+        Args:
+            step: of every pose, shape (N, n).
+        """
         out = self.r.copy()
         for columns, poses, slopes in self.slopes:
             jacobian = slopes.jacobian if isinstance(slopes, Twists) else slopes
-            out[np.ix_(poses, np.arange(self.r.shape[1])[columns])] += jacobian @ step
+            moved = (jacobian @ step[poses][:, :, None])[:, :, 0]
+            out[np.ix_(poses, np.arange(self.r.shape[1])[columns])] += moved
         return out
 
     def weighted(self, spread: Array, index: NDArray[np.intp], scales: Array) -> Array:
@@ -146,7 +152,7 @@ class Rows:
     @property
     def many(self) -> bool:
         """Whether there are so many that their Jacobian is never held whole."""
-        return self.seen.size > WHOLE
+        return len(self.seen) > FEW_POSES and self.seen.size > FEW_COMPONENTS
 
     def pieces(self) -> Iterator[tuple[slice, Rows]]:
         """Which poses, and their rows: a piece at a time where there are `many`, else all at once.
@@ -154,12 +160,13 @@ class Rows:
         Borders are by the numbers of poses and components alone, so that results repeat.
         """
         count = len(self.seen)
-        step = max(_AT_ONCE // max(self.seen.shape[1], 1), 1) if self.many else count
-        for first in range(0, count, max(step, 1)):
+        step = max(_AT_ONCE // self.seen.shape[1], _FEWEST) if self.many else max(count, 1)
+        for first in range(0, count, step):
             own = slice(first, min(first + step, count))
-            yield own, self._between(own) if self.many else self
+            yield own, self.between(own) if self.many else self
 
-    def _between(self, own: slice) -> Rows:
+    def between(self, own: slice) -> Rows:
+        """The rows of consecutive poses."""
         numbers = [np.searchsorted(poses, (own.start, own.stop)) for poses in self.poses]
         return replace(
             self,

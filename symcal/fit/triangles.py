@@ -1,7 +1,7 @@
 r"""The rows of a fit of very many poses, through their triangles alone.
 
-Of whitened rows W = [J S, r] a fit asks for nothing but squared norms |W y|^2, which are those of the triangle of any QR
-decomposition of W. Pieces of a few thousand rows are appended to it one after the other,
+Of whitened rows W = [J S, r] a fit asks for nothing but squared norms |W y|^2, which are those of the triangle of any
+QR decomposition of W. Pieces of a few thousand rows are appended to it one after the other,
 
     [T; W_i] = Q_i T',    T'^T T' = T^T T + W_i^T W_i,
 

@@ -217,7 +217,11 @@ def _doubt(end: Ends | None) -> int:
 
 
 def _by_points(state: State, end: Ends, own: Dataset, data: Dataset, options: Options) -> Setup:
-    """The ends of one observation from its points or frames; among several guesses that which fits best."""
+    """The ends of one observation from its points or frames; among several guesses that which fits best.
+
+    Of very many poses a few thousand are looked at: the fit of all comes after.
+    """
+    own, data = own.few(), data.few()
     model, setup, chain = state.model, state.setup, end.chain(own.q, state.x)
     if end.observation.instrument.camera is not None:
         return camera_guesses(end, own, chain, setup)
@@ -264,5 +268,5 @@ def _fit(state: State, data: Dataset, free: Iterable[str], options: Options, *, 
 
 def _total(model: Model, data: Dataset, candidate: Fit) -> float:
     """Squared residuals of a placement with poses seen as points, so that guesses are compared in one unit."""
-    r, _ = rows_of(model.measurement, data, candidate.setup, model.residuals)(candidate.x)
+    r = rows_of(model.measurement, data, candidate.setup, model.residuals).residual(candidate.x)
     return float(np.sum((r * model.measurement.per_unit({"mm": 1.0, "rad": LEVER, "px": 1.0})) ** 2))

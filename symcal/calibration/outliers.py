@@ -111,9 +111,7 @@ def outliers(model: Model, data: Dataset, after: Fit, prior_mean: Array) -> Stan
     return StandingOut(tuple(listed), tuple(crowds), scales, dragged)
 
 
-def _judged_where_linear(
-    system: Whitened, known: Array, after: Fit
-) -> tuple[Readings, tuple[Judged, ...], bool]:
+def _judged_where_linear(system: Whitened, known: Array, after: Fit) -> tuple[Readings, tuple[Judged, ...], bool]:
     """The readings of every group as judged by the good ones where their rows are linear: about the estimate, else
     about that without the furthest poses. And whether the estimate had to be left.
 
@@ -237,9 +235,7 @@ def _changes(model: Model, data: Dataset, after: Fit, system: Whitened, spread: 
     if model.measurement.adrift:
         slopes = without_rigid_motion(at.reshape(-1, 3), slopes)
     of_tool = slopes[:, :, system.index].reshape(-1, len(system.index))
-    return _Changes(
-        model, data, after, system, spread, compressed(stacked), compressed(of_tool), len(of_tool) // 3
-    )
+    return _Changes(model, data, after, system, spread, compressed(stacked), compressed(of_tool), len(of_tool) // 3)
 
 
 def _outlier(changes: _Changes, there: Readings, k: int, found: Judged, i: int) -> Outlier:

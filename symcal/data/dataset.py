@@ -123,13 +123,13 @@ class Dataset:
         )
 
     def between(self, own: slice) -> Dataset:
-        """Consecutive poses; arrays are views of these."""
+        """Consecutive poses without their names and splits; arrays are views of these."""
         return replace(
             self,
             q=self.q[own],
             z=self.z[own],
-            labels=self.labels[own],
-            split=self.split[own],
+            labels=(),
+            split=(),
             sigma=None if self.sigma is None else self.sigma[own],
             covariance=None if self.covariance is None else self.covariance[own],
             conditions={name: values[own] for name, values in self.conditions.items()},

@@ -120,7 +120,7 @@ class Readings:
             return np.asarray(self.held[number][i])
         pile = self.piles[number]
         pose = int(pile.pose[i])
-        alone = self.system.rows.between(slice(pose, pose + 1))
+        alone = self.system.rows.take(slice(pose, pose + 1))
         return np.asarray(_of_group(_side_by_side(self.system, alone, self.x), pile.group)[pile.place[i]])
 
 

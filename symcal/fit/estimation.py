@@ -156,7 +156,7 @@ def fit(
     """
     model = variance_model(rows, free, options, reference, prior_mean=prior_mean)
     reference, rows = model.system.reference, model.system.rows
-    if not np.isfinite(rows.residual(reference)).all():
+    if not model.finite(reference):
         raise RefusedError("the model gives no finite number at the first guess: check joint readings and units")
     check_redundancy(rows, free, bool(model.estimated))
     return _Search(model, options).best(reference, nested)

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.fit.variance_components import appended
+from symcal.fit.variance_components import appended, compressed
 from symcal.fit.variances import VarianceModel, Variances
 from symcal.fit.whitened import Whitened
 
 Array = NDArray[np.float64]
 Fold = NDArray[np.intp]
-
-_WAITING = 1000  # rows of a fold that are appended to its triangle together
 
 
 def steps_without(
@@ -64,22 +63,17 @@ def _apart(
 
 
 def _by_fold(system: Whitened, x: Array, spread: Array, folds: Sequence[Fold]) -> tuple[list[Array], Array]:
-    """The triangle of the rows of every fold, and that of poses which are in none; one look at all rows."""
-    of = np.full(len(spread), len(folds))
-    for i, fold in enumerate(folds):
-        of[fold] = i
-    out = [np.zeros((0, len(system.free) + 1)) for _ in range(len(folds) + 1)]
-    waiting: list[list[Array]] = [[] for _ in out]
-    for own, rows in system.rows.pieces():
-        linear = rows.at(x)
-        for i in np.unique(of[own]):
-            waiting[i].append(system.picked(linear, np.where((of[own] == i)[:, None], spread[own], np.inf)))
-            if sum(map(len, waiting[i])) > _WAITING:
-                out[i], waiting[i] = appended(out[i], np.vstack(waiting[i])), []
-    *folded, rest = (
-        appended(triangle, np.vstack(more)) if more else triangle for triangle, more in zip(out, waiting, strict=True)
-    )
-    return folded, rest
+    """The triangle of the rows of every fold, and that of poses which are in none."""
+    rest = np.ones(len(spread), dtype=np.bool_)
+    for fold in folds:
+        rest[fold] = False
+
+    def triangle(poses: Fold) -> Array:
+        if not poses.size:
+            return np.zeros((0, len(system.free) + 1))
+        return compressed(replace(system, rows=system.rows.take(poses)).data_rows(x, spread[poses]))
+
+    return [triangle(fold) for fold in folds], triangle(np.flatnonzero(rest))
 
 
 def folds_of(model: VarianceModel, count: int) -> list[Fold]:

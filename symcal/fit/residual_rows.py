@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,6 +99,8 @@ class Rows:
     seen: NDArray[np.bool_]
     mixing: Array | None = None
     unplaced: frozenset[str] = frozenset()
+    # Made on first use, never changed after.
+    _pieces: list[tuple[slice, Rows]] = field(default_factory=list, init=False, compare=False, repr=False)
 
     def values(self, x: Array) -> tuple[Array, Array]:
         """What is known between things, over its noise: r (k,) and J (k, n)."""
@@ -154,27 +156,28 @@ class Rows:
         """Whether there are so many that their Jacobian is never held whole."""
         return len(self.seen) > FEW_POSES and self.seen.size > FEW_COMPONENTS
 
-    def pieces(self) -> Iterator[tuple[slice, Rows]]:
+    def pieces(self) -> Sequence[tuple[slice, Rows]]:
         """Which poses, and their rows: a piece at a time where there are `many`, else all at once.
 
         Borders are by the numbers of poses and components alone, so that results repeat.
         """
-        count = len(self.seen)
-        step = max(_AT_ONCE // self.seen.shape[1], _FEWEST) if self.many else max(count, 1)
-        for first in range(0, count, step):
-            own = slice(first, min(first + step, count))
-            yield own, self.between(own) if self.many else self
+        if not self.many:
+            return ((slice(0, len(self.seen)), self),) if len(self.seen) else ()
+        if not self._pieces:
+            count, step = len(self.seen), max(_AT_ONCE // self.seen.shape[1], _FEWEST)
+            borders = [slice(first, min(first + step, count)) for first in range(0, count, step)]
+            self._pieces.extend((own, self.take(own)) for own in borders)
+        return self._pieces
 
-    def between(self, own: slice) -> Rows:
-        """The rows of consecutive poses."""
-        numbers = [np.searchsorted(poses, (own.start, own.stop)) for poses in self.poses]
+    def take(self, poses: slice | NDArray[np.intp]) -> Rows:
+        """The rows of some poses, in their order; of consecutive ones their data are nameless."""
         return replace(
             self,
-            data=self.data.between(own),
-            poses=tuple(poses[a:b] - own.start for poses, (a, b) in zip(self.poses, numbers, strict=True)),
-            z=self.z[own],
-            seen=self.seen[own],
-            mixing=None if self.mixing is None else self.mixing[own],
+            data=self.data.between(poses) if isinstance(poses, slice) else self.data.take(poses),
+            poses=tuple(_among(own, poses, len(self.seen)) for own in self.poses),
+            z=self.z[poses],
+            seen=self.seen[poses],
+            mixing=None if self.mixing is None else self.mixing[poses],
         )
 
     def _evaluated(self, x: Array) -> tuple[Array, Array]:
@@ -205,6 +208,14 @@ class Rows:
         kept = variance > _NO_VARIANCE * variance[:, -1:]
         scale = np.where(kept, 1 / np.sqrt(np.where(kept, variance, 1.0)), 0.0)
         return replace(self, mixing=scale[:, :, None] * axes.swapaxes(1, 2), seen=kept)
+
+
+def _among(read: NDArray[np.intp], poses: slice | NDArray[np.intp], count: int) -> NDArray[np.intp]:
+    """Which of some poses are among those that were read, in ascending order."""
+    if isinstance(poses, slice):
+        first, last = np.searchsorted(read, (poses.start, poses.stop))
+        return read[first:last] - poses.start
+    return np.flatnonzero(np.bincount(read, minlength=count)[poses])
 
 
 def rows_of(

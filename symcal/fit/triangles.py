@@ -58,10 +58,13 @@ class Triangles:
     known: Array
     # What was found at the last few points; the same point gives the same.
     _found: dict[tuple[bytes, bytes], Groups] = field(default_factory=dict, compare=False, repr=False)
+    _weights: list[tuple[Array, bytes]] = field(default_factory=list, compare=False, repr=False)
 
     def at(self, x: Array, weights: Array) -> Groups:
         """Args: weights: robust ones, shape (N, m)."""
-        key = x.tobytes(), blake2b(np.ascontiguousarray(weights).data).digest()
+        if not self._weights or self._weights[-1][0] is not weights:
+            self._weights[:] = [(weights, blake2b(np.ascontiguousarray(weights).data).digest())]
+        key = x.tobytes(), self._weights[-1][1]
         if key not in self._found:
             while len(self._found) >= _KEPT:
                 del self._found[next(iter(self._found))]

@@ -28,9 +28,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtpqrt
 
 Array = NDArray[np.float64]
 
+_PANEL = 16  # columns that reflections are gathered for
 _STEPS = 60
 _LONGEST = 2.0  # largest change of a log variance in one step
 _ARMIJO = 1e-4
@@ -95,8 +97,20 @@ def compressed(rows: Array) -> Array:
 
 
 def appended(triangle: Array, rows: Array) -> Array:
-    """The triangle of rows (k, n + 1) and of those that a first one stands for, shape (l, n + 1)."""
-    return np.asarray(np.linalg.qr(np.vstack([triangle, rows]), mode="r")) if len(rows) else triangle
+    """The triangle of some rows (k, n) and of those that a first one stands for, shape (n, n).
+
+    By Householder reflections that leave the zeros of the first one alone (LAPACK's tpqrt): two to three times faster
+    than a decomposition of both stacked.
+
+    Args:
+        triangle: upper one of shape (n, n), or as many rows of it as there are, such as none.
+    """
+    n = triangle.shape[1]
+    full = np.zeros((n, n), order="F")
+    full[: len(triangle)] = triangle
+    if not len(rows) or not n:
+        return full
+    return np.asarray(dtpqrt(0, min(_PANEL, n), full, rows, overwrite_a=1)[0])
 
 
 def at_variances(blocks: Sequence[Block], known: Array, phi: Array, ties: Sequence[Tie] = ()) -> Components:

@@ -101,6 +101,13 @@ class VarianceModel:
         """Standard deviation that whitens each component, shape (N, m); infinite where it does not count."""
         return spread_of(self.system.rows, self.known, variances.sigmas, variances.weights)
 
+    def finite(self, x: Array) -> bool:
+        """Whether the model gives finite numbers at x."""
+        if self.triangles is None:
+            return bool(np.isfinite(self.system.rows.residual(x)).all())
+        found = self.triangles.at(x, self.system.rows.seen.astype(float))
+        return all(np.isfinite(each).all() for each in (*found.unknown.values(), *found.known.values()))
+
     def rows_with(self, variances: Variances) -> Callable[[Array], Array]:
         """x -> whitened [J S, r] of everything, shape (k, n + 1)."""
         own, factors = self.data_rows_with(variances), variances.factors

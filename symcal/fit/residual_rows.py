@@ -214,7 +214,7 @@ def _among(read: NDArray[np.intp], poses: slice | NDArray[np.intp], count: int) 
     """Which of some poses are among those that were read, in ascending order."""
     if isinstance(poses, slice):
         first, last = np.searchsorted(read, (poses.start, poses.stop))
-        return read[first:last] - poses.start
+        return np.asarray(read[first:last] - poses.start)
     return np.flatnonzero(np.bincount(read, minlength=count)[poses])
 
 

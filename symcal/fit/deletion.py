@@ -20,13 +20,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
-from scipy.special import chdtrc, fdtrc, gammaincinv
 
+from symcal.fit.appended import appended
 from symcal.fit.residual_rows import Rows
 from symcal.fit.robust import Loss
-from symcal.fit.variance_components import appended
 from symcal.fit.whitened import Whitened
 from symcal.model.measurement import Group
 
@@ -195,9 +194,9 @@ def without(stacked: Array, own: Array) -> Array:
         stacked: all whitened [J r] at their minimum, shape (k, n + 1), ``own`` among them. own: shape (d, n + 1).
     """
     triangle: Array = np.asarray(np.linalg.qr(stacked[:, :-1], mode="r"), dtype=np.float64)
-    half = solve_triangular(triangle, own[:, :-1].T, trans="T")  # R^-T J_b^T
+    half = scipy.linalg.solve_triangular(triangle, own[:, :-1].T, trans="T")  # R^-T J_b^T
     left = np.eye(len(own)) - half.T @ half
-    return np.asarray(solve_triangular(triangle, half @ np.linalg.solve(left, own[:, -1])))
+    return np.asarray(scipy.linalg.solve_triangular(triangle, half @ np.linalg.solve(left, own[:, -1])))
 
 
 def judged(given: Readings, known: Array, sigmas: dict[str, float], loss: Loss) -> tuple[Judged, ...]:
@@ -227,7 +226,7 @@ def judged(given: Readings, known: Array, sigmas: dict[str, float], loss: Loss) 
 def _near(pile: Pile, sigma: float) -> Mask:
     """Readings that are as near to the estimate as nearly all good ones."""
     square = np.sum(pile.white(sigma) ** 2, axis=1)
-    return np.asarray(square <= 2 * gammaincinv(np.maximum(pile.size, 1) / 2, _SURELY_GOOD))
+    return np.asarray(square <= 2 * scipy.special.gammaincinv(np.maximum(pile.size, 1) / 2, _SURELY_GOOD))
 
 
 def _next(pile: Pile, found: Judged, good: Mask) -> Mask:
@@ -267,7 +266,7 @@ def _estimate(given: Readings, known: Array, inverse: list[Array], good: list[Ma
         ]
         stacked = np.vstack(told) if given.held is not None else appended(stacked, np.vstack(told))
     triangle: Array = np.asarray(np.linalg.qr(np.vstack([stacked, known, np.zeros((width, width))]), mode="r"))
-    root = solve_triangular(triangle[:-1, :-1], np.eye(width - 1))
+    root = scipy.linalg.solve_triangular(triangle[:-1, :-1], np.eye(width - 1))
     return root, -root @ triangle[:-1, -1]
 
 
@@ -305,13 +304,13 @@ def _judged(pile: Pile, found: _Beside, sigma: float, own: Mask, y: Array, chanc
     squares = float(np.sum(r[own] ** 2))
     scale = float(np.sqrt(squares / max(dof, 1.0)))
     if np.isfinite(pile.known[pile.seen]).all():
-        chances, ratio, grown = chdtrc(size, test), test / size, 1.0
+        chances, ratio, grown = scipy.special.chdtrc(size, test), test / size, 1.0
     else:
         grown = scale
         fewer = np.where(own, dof - size, dof)
         rest = np.where(own, squares - test, squares) / np.maximum(fewer, 1.0)
         ratio = test / size / np.maximum(rest, 1e-300)
-        chances = np.where(fewer > 0, fdtrc(size, np.maximum(fewer, 1.0), ratio), 1.0)
+        chances = np.where(fewer > 0, scipy.special.fdtrc(size, np.maximum(fewer, 1.0), ratio), 1.0)
     new = max(sigma * grown, pile.group.floor)
     spread = np.where(np.isfinite(pile.known), pile.known, sigma)
     bad = pile.there & (chances < chance)

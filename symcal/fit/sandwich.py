@@ -16,11 +16,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
+from symcal.fit.appended import appended
 from symcal.fit.robust import Loss, loss_slopes, loss_weights
-from symcal.fit.variance_components import appended
 from symcal.fit.whitened import Whitened
 
 Array = NDArray[np.float64]
@@ -59,7 +59,7 @@ def sandwich(system: Whitened, x: Array, spread: Array, factors: Mapping[str, fl
     triangle = np.zeros((0, n))
     for own, rows in held or pieces():
         triangle = appended(triangle, rows * steep[own][counts[own]][:, None])
-    root = solve_triangular(appended(triangle, known), np.eye(n))
+    root = scipy.linalg.solve_triangular(appended(triangle, known), np.eye(n))
     blocks = _blocks(system)
     scattered = np.zeros((0, n))
     for own, rows in held or pieces():

@@ -28,11 +28,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dtpqrt
 
 Array = NDArray[np.float64]
 
-_PANEL = 16  # columns that reflections are gathered for
 _STEPS = 60
 _LONGEST = 2.0  # largest change of a log variance in one step
 _ARMIJO = 1e-4
@@ -94,23 +92,6 @@ class Components:
 def compressed(rows: Array) -> Array:
     """The triangle of rows [J r], shape (k, n + 1): the same squared norms from at most n + 1 rows."""
     return np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
-
-
-def appended(triangle: Array, rows: Array) -> Array:
-    """The triangle of some rows (k, n) and of those that a first one stands for, shape (n, n).
-
-    By Householder reflections that leave the zeros of the first one alone (LAPACK's tpqrt): two to three times faster
-    than a decomposition of both stacked.
-
-    Args:
-        triangle: upper one of shape (n, n), or as many rows of it as there are, such as none.
-    """
-    n = triangle.shape[1]
-    full = np.zeros((n, n), order="F")
-    full[: len(triangle)] = triangle
-    if not len(rows) or not n:
-        return full
-    return np.asarray(dtpqrt(0, min(_PANEL, n), full, rows, overwrite_a=1)[0])
 
 
 def at_variances(blocks: Sequence[Block], known: Array, phi: Array, ties: Sequence[Tie] = ()) -> Components:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.fit.appended import appended
 from symcal.fit.residual_rows import Linear, Rows
-from symcal.fit.variance_components import appended
 from symcal.model.measurement import Measurement
 from symcal.parameters import ParameterSet
 

@@ -145,8 +145,9 @@ class Dataset:
         return self if wanted.all() else self.take(wanted)
 
 
-def evenly(count: int, most: int = SOME) -> NDArray[np.intp]:
-    """Numbers of at most so many of ``count`` poses, evenly spread in their order."""
+def evenly(count: int, most: int | None = None) -> NDArray[np.intp]:
+    """Numbers of at most so many (`SOME`) of ``count`` poses, evenly spread in their order."""
+    most = SOME if most is None else most
     return np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(np.intp)
 
 

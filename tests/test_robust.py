@@ -18,7 +18,7 @@ from symcal.calibration.loss_choice import choose_loss
 from symcal.data.dataset import Dataset
 from symcal.errors import InputError
 from symcal.fit.deletion import judged as judged_readings
-from symcal.fit.deletion import piles, without
+from symcal.fit.deletion import readings_at, without
 from symcal.fit.estimation import Options, fit
 from symcal.fit.noise import known_sigma
 from symcal.fit.residual_rows import rows_of
@@ -199,19 +199,21 @@ def test_clean_readings_are_rarely_accused() -> None:
     rows = rows_of(model.measurement, case.clean, start.setup, model.residuals)
     x = start.after.x
     system = whitened(rows, start.after.free, np.zeros(len(x)), x)
-    given = piles(system, x, known_sigma(rows, {}))
+    given = readings_at(system, x, known_sigma(rows, {}))
+    assert given.held is not None
     beforehand = system.known_rows(x, {"": 1.0})
     beforehand[:, -1] = 0.0
     beforehand[:, :-1] *= 1e-3  # next to nothing is known: the F law is exact
     accused = 0
     for seed in range(150):
         rng = np.random.default_rng(seed)
-        noisy = []
-        for pile, sigma in zip(given, (0.05, 2.5e-4), strict=True):
-            drawn = pile.rows.copy()
-            drawn[:, :, -1] = sigma * rng.normal(size=pile.seen.shape)
-            noisy.append(replace(pile, rows=drawn))
-        found = judged_readings(tuple(noisy), beforehand, {"position": 0.05, "orientation": 2.5e-4}, "linear")
+        noise = [s * rng.normal(size=pile.seen.shape) for pile, s in zip(given.piles, (0.05, 2.5e-4), strict=True)]
+        noisy = replace(
+            given,
+            piles=tuple(replace(pile, r=r) for pile, r in zip(given.piles, noise, strict=True)),
+            held=tuple(np.dstack([rows[:, :, :-1], r]) for rows, r in zip(given.held, noise, strict=True)),
+        )
+        found = judged_readings(noisy, beforehand, {"position": 0.05, "orientation": 2.5e-4}, "linear")
         accused += any(each.bad.any() for each in found)
     assert accused <= stats.binom.ppf(0.999, 150, 0.02)
 

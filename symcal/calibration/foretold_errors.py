@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from symcal.calibration.evaluate import position_slopes
 from symcal.calibration.evidence import Sizes
 from symcal.calibration.tolerance import Of, taken_of
+from symcal.data.dataset import evenly
 from symcal.fit.estimation import Fit
 from symcal.fit.posterior import predicted_rms
 from symcal.model.model import Model, State
@@ -20,7 +21,8 @@ _DRAWS = 64
 
 
 def uncalibrated(state: State, q: Array, noise_mm: float = 0.0, noise_deg: float = 0.0) -> Sizes:
-    """Rms errors of a robot whose every parameter is as far off as is plausible, over poses q, shape (N, dof).
+    """Rms errors of a robot whose every parameter is as far off as is plausible, over poses q, shape (N, dof); of very
+    many, a few thousand stand for all.
 
     Sizes of links that are stated smaller than the usual ones (`symcal.parameters.SCALE`) are taken as large as these:
     they say how good a robot is, not how bad one may be.
@@ -28,7 +30,7 @@ def uncalibrated(state: State, q: Array, noise_mm: float = 0.0, noise_deg: float
     Args:
         state: where things stand. noise_mm, noise_deg: of the measurement, as it is stated, rms over whole readings.
     """
-    model = state.model
+    model, q = state.model, q[evenly(len(q))]
     index = model.parameters.indices(model.kinematic)
     if not index.size or len(q) == 0:
         return Sizes()

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from symcal.calibration.apart import POSTURES, Apart, Compared, disagree, region_of
 from symcal.calibration.calibrate import Calibration, one_thread
 from symcal.calibration.divisions import Division, divisions
+from symcal.calibration.thinned import thinned
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.fit.difference import Difference, HalfRows, at_least_one, difference
@@ -80,7 +81,8 @@ def two_halves(
     """Divide the training poses, identify each half, and compare what they predict.
 
     Args:
-        data: all of them, in the order of the file. options: of the identification. rng: draws halves and postures.
+        data: all of them, in the order of the file; of very many a few thousand training poses are divided, evenly
+            spread. options: of the identification. rng: draws halves and postures.
         area: lower and upper readings within which predictions are compared, shape (dof,) each; the ranges of the
             training poses if None.
     Raises:
@@ -97,6 +99,7 @@ def _two_halves(
     rng: np.random.Generator,
     area: tuple[Array, Array] | None,
 ) -> Halves:
+    calibration, data = thinned(calibration, data)
     model, after, train = calibration.model, calibration.after, data.part("train")
     if not after.converged:
         raise RefusedError("the identification did not converge")

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from symcal.calibration.outliers import outliers
 from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
-from symcal.fit.deletion import Pile, piles
+from symcal.fit.deletion import Pile, readings_at
 from symcal.fit.estimation import Fit, Options, fit
 from symcal.fit.noise import known_sigma
 from symcal.fit.residual_rows import Rows
@@ -122,20 +122,22 @@ def held_out_scores(
     rows = rows.decorrelated()
     system = whitened(rows, free, np.zeros(len(robust.x)), prior_mean)
     stated = {name: sigma for name, sigma in robust.sigmas.items() if name not in robust.estimated}
-    given = [pile for pile in piles(system, robust.x, known_sigma(rows, stated)) if pile.there.any()]
+    at = readings_at(system, robust.x, known_sigma(rows, stated), hold=True)
+    given = list(at.piles)
     poses = np.flatnonzero(rows.seen.any(axis=1))
     count = min(FOLDS, len(poses))
     off: dict[Loss, list[Array]] = {}
+    unscaled = at.white({pile.group.name: 1.0 for pile in given})
     for loss in LOSSES:
         own = linear if loss == "linear" else robust
         known = system.known_rows(robust.x, own.every_factor)
-        white = [pile.white(own.sigmas.get(pile.group.name, 1.0)) for pile in given]
+        white = at.white({pile.group.name: own.sigmas.get(pile.group.name, 1.0) for pile in given})
         found = [np.zeros(pile.seen.shape) for pile in given]
         for k in range(count):
             out = [np.isin(pile.pose, poses[k::count]) for pile in given]
             y = np.append(_estimate(loss, given, white, [~each for each in out], known), 1.0)
-            for at, pile, each in zip(found, given, out, strict=True):
-                at[each] = pile.white(1.0)[each] @ y
+            for errors, plain, each in zip(found, unscaled, out, strict=True):
+                errors[each] = plain[each] @ y
         off[loss] = found
     scores = {loss: np.zeros(len(rows.data)) for loss in LOSSES}
     for i, pile in enumerate(given):

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from symcal.calibration.calibrate import Calibration
 from symcal.calibration.lack_of_fit import LackOfFit, lack_of_fit
 from symcal.calibration.patterns import Kind, Pattern, drifts, joint_patterns, joint_rows
+from symcal.calibration.thinned import thinned
 from symcal.data.dataset import Dataset
 from symcal.fit.difference import holm
 from symcal.fit.estimation import Fit, Options, variance_model
@@ -102,8 +103,10 @@ def model_check(calibration: Calibration, data: Dataset, options: Options) -> Mo
     """Check the model of an identification against the data that it was made from.
 
     Args:
-        data: all of them, in the order of the file. options: of the identification.
+        data: all of them, in the order of the file; of very many a few thousand training poses are looked at, evenly
+            spread. options: of the identification.
     """
+    calibration, data = thinned(calibration, data)
     model, after, train = calibration.model, calibration.after, data.part("train")
     unplaced = calibration.before.unplaced
     rows = rows_of(model.measurement, train, calibration.setup, model.residuals, set(unplaced) - set(after.free))
@@ -141,6 +144,7 @@ def _residuals(system: VarianceModel, after: Fit) -> dict[int, tuple[float, floa
     """By noise group the rms of its residuals by reading, and of these over their standard deviations, summed."""
     rows = system.system.rows
     r: Array = rows.residual(after.x)
+    share = int(rows.seen.sum()) / after.equations  # of the readings of the fit
     if rows.mixing is not None:  # back from principal axes
         whole = np.where(rows.seen[:, :, None], rows.mixing, np.eye(r.shape[1]))
         r = np.asarray(np.linalg.solve(whole, r[:, :, None])[:, :, 0], dtype=np.float64)
@@ -149,7 +153,7 @@ def _residuals(system: VarianceModel, after: Fit) -> dict[int, tuple[float, floa
         columns = list(group.columns)
         count = max(int(rows.seen[:, columns].sum()) / group.block, 1.0)
         squares, _ = after.by_group.get(group.name, (0.0, 0.0))
-        out[number] = float(np.sqrt(np.sum(r[:, columns] ** 2) / count)), float(np.sqrt(squares))
+        out[number] = float(np.sqrt(np.sum(r[:, columns] ** 2) / count)), float(np.sqrt(share * squares))
     return out
 
 

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.calibration.evaluate import without_rigid_motion
-from symcal.data.dataset import Dataset
+from symcal.data.dataset import Dataset, evenly
 from symcal.errors import RefusedError
-from symcal.fit.deletion import Judged, Pile, judged, piles, without
+from symcal.fit.deletion import Judged, Pile, Readings, judged, readings_at, without
 from symcal.fit.estimation import Fit, Options, fit
 from symcal.fit.noise import known_sigma, spread_of
 from symcal.fit.residual_rows import rows_of
+from symcal.fit.variance_components import compressed
 from symcal.fit.whitened import Whitened, whitened
 from symcal.model.measurement import Group, Part
 from symcal.model.model import Model
@@ -94,24 +95,23 @@ def outliers(model: Model, data: Dataset, after: Fit, prior_mean: Array) -> Stan
     system = whitened(rows, after.free, np.zeros(len(after.x)), prior_mean)
     known = known_sigma(rows, {name: s for name, s in after.sigmas.items() if name not in after.estimated})
     there, every, dragged = _judged_where_linear(system, known, after)
-    sigmas = {p.group.name: float(after.sigmas.get(p.group.name, 1.0)) for p in there}
+    sigmas = {p.group.name: float(after.sigmas.get(p.group.name, 1.0)) for p in there.piles}
     listed: list[Outlier] = []
     crowds: list[Crowd] = []
-    changes = _Changes(model, data, after, system, spread_of(rows, known, after.sigmas, after.weights))
-    for pile, found in zip(there, every, strict=True):
+    spread = spread_of(rows, known, after.sigmas, after.weights)
+    changes = _changes(model, data, after, system, spread) if any(found.bad.any() for found in every) else None
+    for k, (pile, found) in enumerate(zip(there.piles, every, strict=True)):
         crowd = _crowd(pile, found, sigmas[pile.group.name])
         if crowd is not None:
             crowds.append(crowd)
-        else:
+        elif changes is not None:
             worst = np.flatnonzero(found.bad)[np.argsort(-found.test[found.bad], kind="stable")]
-            listed += [_outlier(changes, pile, found, int(i)) for i in worst]
-    scales = {pile.group.name: found.scale for pile, found in zip(there, every, strict=True)}
+            listed += [_outlier(changes, there, k, found, int(i)) for i in worst]
+    scales = {pile.group.name: found.scale for pile, found in zip(there.piles, every, strict=True)}
     return StandingOut(tuple(listed), tuple(crowds), scales, dragged)
 
 
-def _judged_where_linear(
-    system: Whitened, known: Array, after: Fit
-) -> tuple[tuple[Pile, ...], tuple[Judged, ...], bool]:
+def _judged_where_linear(system: Whitened, known: Array, after: Fit) -> tuple[Readings, tuple[Judged, ...], bool]:
     """The readings of every group as judged by the good ones where their rows are linear: about the estimate, else
     about that without the furthest poses. And whether the estimate had to be left.
 
@@ -119,22 +119,22 @@ def _judged_where_linear(
     """
     sigmas = {name: float(sigma) for name, sigma in after.sigmas.items()}
 
-    def at(x: Array) -> tuple[tuple[Pile, ...], tuple[Judged, ...]]:
-        there = tuple(p for p in piles(system, x, known) if p.there.any())
-        own = {p.group.name: sigmas.get(p.group.name, 1.0) for p in there}
+    def at(x: Array) -> tuple[Readings, tuple[Judged, ...]]:
+        there = readings_at(system, x, known)
+        own = {p.group.name: sigmas.get(p.group.name, 1.0) for p in there.piles}
         return there, judged(there, system.known_rows(x, after.every_factor), own, after.loss)
 
     there, every = at(after.x)
     first, x, nominal = (there, every), after.x, np.zeros_like(after.x)
     gone: list[int] = []
     while any(found.bad.any() for found in every):
-        if not _many(there, every) and _linear(system, known, there, every, x):
+        if not _many(there.piles, every) and _linear(known, there, every):
             return there, every, bool(gone)
-        if len(gone) >= _DRAGGING or (not gone and not _dominated(there, every)):
+        if len(gone) >= _DRAGGING or (not gone and not _dominated(there.piles, every)):
             return (*first, False)
         left = [
             (float(found.test[i]), int(pile.pose[i]))
-            for pile, found in zip(there, every, strict=True)
+            for pile, found in zip(there.piles, every, strict=True)
             for i in np.flatnonzero(found.bad)
             if pile.pose[i] not in gone
         ]
@@ -168,27 +168,28 @@ def _dominated(there: Sequence[Pile], every: Sequence[Judged]) -> bool:
     )
 
 
-def _linear(system: Whitened, known: Array, there: Sequence[Pile], every: Sequence[Judged], x: Array) -> bool:
+def _linear(known: Array, there: Readings, every: Sequence[Judged]) -> bool:
     """Whether the good readings are left as their rows promise when the bad ones are left out."""
-    step = every[0].y
-    moved = x.copy()
+    system, step = there.system, every[0].y
+    moved = there.x.copy()
     moved[system.index] += system.scales * step
-    again = tuple(p for p in piles(system, moved, known) if p.there.any())
+    again = readings_at(system, moved, known)
     return _squares(again, every, np.zeros_like(step)) <= _LINEAR**2 * _squares(there, every, step)
 
 
-def _squares(given: Sequence[Pile], every: Sequence[Judged], y: Array) -> float:
+def _squares(given: Readings, every: Sequence[Judged], y: Array) -> float:
     """Squares of the good readings over their noise, at a step from where their rows are."""
-    total = 0.0
-    for pile, found in zip(given, every, strict=True):
-        rows = pile.white(found.sigma)[~found.bad]
-        total += float(np.sum((rows @ np.append(y, 1.0)) ** 2))
+    total, at = 0.0, np.append(y, 1.0)
+    inverse = [pile.inverse(found.sigma) for pile, found in zip(given.piles, every, strict=True)]
+    for piece in given.pieces():
+        for (own, rows), scale, found in zip(piece, inverse, every, strict=True):
+            total += float(np.sum(((rows * scale[own, :, None])[~found.bad[own]] @ at) ** 2))
     return total
 
 
 def _crowd(pile: Pile, found: Judged, sigma: float) -> Crowd | None:
     """Where many poses stand out and none of them by far."""
-    norms = np.linalg.norm(pile.white(sigma)[:, :, -1], axis=1)
+    norms = np.linalg.norm(pile.white(sigma), axis=1)
     by_pose = np.zeros(pile.pose.max() + 1)
     np.maximum.at(by_pose, pile.pose, norms)
     poses, of = len(set(pile.pose[found.bad].tolist())), len(set(pile.pose[pile.there].tolist()))
@@ -199,34 +200,48 @@ def _crowd(pile: Pile, found: Judged, sigma: float) -> Crowd | None:
 
 @dataclass(frozen=True, slots=True)
 class _Changes:
-    """What an estimate is asked about when a reading is left out; spread: with robust weights, shape (N, m)."""
+    """What an estimate is asked about when a reading is left out.
+
+    spread: with robust weights, shape (N, m). triangle: of all whitened rows, shape (k, n + 1). of_tool: that of how
+    the tool (or its points) depends on the free parameters over the poses, or so many of them as stand for all, shape
+    (k, n), mm; points: of so many points.
+    """
 
     model: Model
     data: Dataset
     after: Fit
     system: Whitened
     spread: Array
+    triangle: Array
+    of_tool: Array
+    points: int
 
-    def without(self, pile: Pile, i: int) -> Array:
+    def without(self, there: Readings, k: int, i: int) -> Array:
         """Errors of the free parameters without a reading, less those with it, shape (n,), mm and rad."""
+        pile = there.piles[k]
         columns = list(pile.group.columns)[pile.place[i] * pile.group.block :][: pile.group.block]
         own = self.spread[pile.pose[i], columns]
-        rows = pile.rows[i] * (np.isfinite(own) / np.where(np.isfinite(own), own, 1.0))[:, None]
-        stacked = self.system.rows_at(self.after.x, self.spread, self.after.every_factor)
-        return np.asarray(self.system.scales * without(stacked, rows))
+        rows = there.rows(k, i) * (np.isfinite(own) / np.where(np.isfinite(own), own, 1.0))[:, None]
+        return np.asarray(self.system.scales * without(self.triangle, rows))
 
     def tool(self, change: Array) -> float:
         """Rms change of the tool (or of its points) over the training poses, mm."""
-        at, slopes = self.model.points(self.data.q, self.after.x, self.after.setup.vector)
-        if self.model.measurement.adrift:
-            slopes = without_rigid_motion(at.reshape(-1, 3), slopes)
-        moved = slopes[:, :, self.system.index] @ change
-        return float(np.sqrt(np.mean(np.sum(moved.reshape(-1, 3) ** 2, axis=1))))
+        return float(np.linalg.norm(self.of_tool @ change) / np.sqrt(self.points))
 
 
-def _outlier(changes: _Changes, pile: Pile, found: Judged, i: int) -> Outlier:
-    group, after = pile.group, changes.after
-    change = changes.without(pile, i)
+def _changes(model: Model, data: Dataset, after: Fit, system: Whitened, spread: Array) -> _Changes:
+    stacked = system.rows_at(after.x, spread, after.every_factor)
+    at, slopes = model.points(data.q[evenly(len(data))], after.x, after.setup.vector)
+    if model.measurement.adrift:
+        slopes = without_rigid_motion(at.reshape(-1, 3), slopes)
+    of_tool = slopes[:, :, system.index].reshape(-1, len(system.index))
+    return _Changes(model, data, after, system, spread, compressed(stacked), compressed(of_tool), len(of_tool) // 3)
+
+
+def _outlier(changes: _Changes, there: Readings, k: int, found: Judged, i: int) -> Outlier:
+    pile, after = there.piles[k], changes.after
+    group = pile.group
+    change = changes.without(there, k, i)
     in_sigmas = change / after.posterior.sigmas
     most = int(np.abs(in_sigmas).argmax()) if len(change) else 0
     spread = np.where(np.isfinite(pile.known[i]), pile.known[i], found.sigma)

@@ -102,13 +102,15 @@ def directions_from_order(data: Dataset, robot: Robot) -> Dataset:
     Poses were measured in the order of the data, each session by itself: what a label says before its last slash.
     Zero, not known, for the first one and where a joint has not moved.
     """
-    sign, last = np.zeros_like(data.q), dict[str, int]()
     still = np.array([_STILL[joint.revolute] for joint in robot.joints])
-    for i, label in enumerate(data.labels):
-        session = label.rpartition("/")[0]
-        if session in last:
-            change = data.q[i] - data.q[last[session]]
-            sign[i] = np.where(np.abs(change) > still, np.sign(change), 0.0)
-        last[session] = i
+    sessions = [label.rpartition("/")[0] for label in data.labels]
+    number = {session: i for i, session in enumerate(dict.fromkeys(sessions))}
+    of = np.array([number[session] for session in sessions], dtype=np.intp)
+    order = np.argsort(of, kind="stable")
+    here, before = order[1:], order[:-1]
+    change = data.q[here] - data.q[before]
+    known = (of[here] == of[before])[:, None] & (np.abs(change) > still)
+    sign = np.zeros_like(data.q)
+    sign[here] = np.where(known, np.sign(change), 0.0)
     found = {direction_name(k): column for k, column in enumerate(sign.T, start=1)}
     return replace(data, conditions=found | dict(data.conditions))

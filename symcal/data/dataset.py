@@ -14,6 +14,8 @@ from symcal.words import in_short
 
 Array = NDArray[np.float64]
 
+SOME = 4096
+"""Poses that stand for all where there are more and only their mean, or a first guess, is asked for."""
 _ONE_POSTURE = 2e-5  # rad and mm: joint readings that files round differently
 
 
@@ -120,9 +122,33 @@ class Dataset:
             conditions={name: values[index] for name, values in self.conditions.items()},
         )
 
+    def between(self, own: slice) -> Dataset:
+        """Consecutive poses without their names and splits; arrays are views of these."""
+        return replace(
+            self,
+            q=self.q[own],
+            z=self.z[own],
+            labels=(),
+            split=(),
+            sigma=None if self.sigma is None else self.sigma[own],
+            covariance=None if self.covariance is None else self.covariance[own],
+            conditions={name: values[own] for name, values in self.conditions.items()},
+        )
+
+    def few(self) -> Dataset:
+        """At most `SOME` poses, evenly spread in their order; the data themselves where there are no more."""
+        return self if len(self) <= SOME else self.take(evenly(len(self)))
+
     def part(self, split: str) -> Dataset:
-        """The poses of one split."""
-        return self.take(np.array([s == split for s in self.split], dtype=bool))
+        """The poses of one split; the data themselves where that is all of them."""
+        wanted = np.array([s == split for s in self.split], dtype=bool)
+        return self if wanted.all() else self.take(wanted)
+
+
+def evenly(count: int, most: int | None = None) -> NDArray[np.intp]:
+    """Numbers of at most so many (`SOME`) of ``count`` poses, evenly spread in their order."""
+    most = SOME if most is None else most
+    return np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(np.intp)
 
 
 def with_random_test(data: Dataset, fraction: float, rng: np.random.Generator) -> Dataset:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Sequence
 from io import StringIO
+from math import isfinite
 from pathlib import Path
 
 import numpy as np
@@ -34,13 +35,17 @@ def save_measurements(data: Dataset, robot: Robot, path: Path | str, head_lines:
     named = kind.reads != "frame"
     head += ["point"] if named else []
     head += [name if unit is None else f"{name}_{unit}" for name, unit in kind.file_columns]
+    features = data.only.features or ("",)
+    read: list[list[bool]] = np.isfinite(data.z).reshape(len(data), len(features), size).any(axis=2).tolist()
+    joints, z, given = q.tolist(), data.z.tolist(), [[float(v) for v in values] for values in conditions.values()]
+    sigma = None if data.sigma is None else data.sigma.tolist()
     for i in range(len(data)):
-        for k, name in enumerate(data.only.features or ("",)):
-            own, errors = slice(size * k, size * (k + 1)), slice(width * k, width * (k + 1))
-            if np.isfinite(data.z[i, own]).any():
-                cells = [*data.z[i, own][: len(kind.file_columns)], *_sigma_cells(data, i, errors)]
-                given = [float(values[i]) for values in conditions.values()]
-                rows.append([data.labels[i], *q[i], *given, *([name] if named else []), *cells, data.split[i]])
+        for k, name in enumerate(features):
+            if read[i][k]:
+                cells = z[i][size * k :][: len(kind.file_columns)]
+                cells += [] if sigma is None else sigma[i][width * k : width * (k + 1)]
+                own = [values[i] for values in given]
+                rows.append([data.labels[i], *joints[i], *own, *([name] if named else []), *cells, data.split[i]])
     if data.sigma is not None:
         head += [f"{name}_{quantity.unit}" for quantity in kind.quantities for name in quantity.sigma_columns]
     text = StringIO()
@@ -55,8 +60,4 @@ def _cell(value: object) -> object:
     """A number with all its digits; nothing where nothing was measured."""
     if not isinstance(value, float):
         return value
-    return repr(float(value)) if np.isfinite(value) else ""
-
-
-def _sigma_cells(data: Dataset, row: int, columns: slice) -> list[float]:
-    return [] if data.sigma is None else [float(v) for v in data.sigma[row, columns]]
+    return repr(value) if isfinite(value) else ""

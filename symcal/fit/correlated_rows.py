@@ -112,6 +112,11 @@ class CorrelatedRows(Rows):
     displaced: Field | None = None
     ratio: float = 0.0
 
+    @property
+    def many(self) -> bool:
+        """A field ties all poses together: they come at once."""
+        return False
+
     def __call__(self, x: Array) -> tuple[Array, Array]:
         r, jacobian = self._evaluated(x)
         r, jacobian = np.where(self.seen, r, 0.0), np.where(self.seen[:, :, None], jacobian, 0.0)
@@ -131,6 +136,11 @@ class FrozenRows(Rows):
     """Rows linearised once and for all, whatever x: searches over variances ask for the same again and again."""
 
     linear: Linear = field(default_factory=lambda: Linear(np.zeros((0, 0)), ()))
+
+    @property
+    def many(self) -> bool:
+        """They are held anyway."""
+        return False
 
     def at(self, x: Array) -> Linear:  # noqa: ARG002
         return self.linear

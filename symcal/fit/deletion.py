@@ -16,12 +16,14 @@ with e_b = r_b and T_b = r_b^T (I + H_b)^-1 r_b. Setting aside in turn is ours.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from symcal.fit.appended import appended
 from symcal.fit.residual_rows import Rows
 from symcal.fit.robust import Loss
 from symcal.fit.whitened import Whitened
@@ -43,12 +45,12 @@ _SETTLED = 1e-6
 class Pile:
     """The readings of a noise group, K of them, pose by pose.
 
-    rows: [J S, r], shape (K, d, n + 1), mm, rad or px, zero where nothing was measured. seen: shape (K, d). known:
-    standard deviations, shape (K, d), NaN where unknown. pose, place: of each reading, and which of its pose it is.
+    r: shape (K, d), mm, rad or px, zero where nothing was measured. seen: shape (K, d). known: standard deviations,
+    shape (K, d), NaN where unknown. pose, place: of each reading, and which of its pose it is.
     """
 
     group: Group
-    rows: Array
+    r: Array
     seen: Mask
     known: Array
     pose: NDArray[np.intp]
@@ -64,13 +66,61 @@ class Pile:
         """Components of each reading, shape (K,)."""
         return np.asarray(self.seen.sum(axis=1))
 
-    def white(self, sigma: float, weight: Array | None = None) -> Array:
-        """Whitened rows, shape (K, d, n + 1). Args: sigma: where none is known. weight: of each reading, (K,)."""
+    def inverse(self, sigma: float) -> Array:
+        """What whitens the components, zero where nothing was measured, (K, d). Args: sigma: where none is known."""
         spread = np.where(np.isfinite(self.known), self.known, sigma)
-        scale = np.where(self.seen, 1 / spread, 0.0)
-        if weight is not None:
-            scale = scale * np.sqrt(weight)[:, None]
-        return np.asarray(self.rows * scale[:, :, None])
+        return np.where(self.seen, 1 / spread, 0.0)
+
+    def white(self, sigma: float) -> Array:
+        """Whitened residuals, shape (K, d). Args: sigma: where none is known."""
+        return self.r * self.inverse(sigma)
+
+
+Piece = tuple[tuple[slice, Array], ...]
+"""By noise group, which readings, and their rows [J S, r], shape (k, d, n + 1), mm, rad or px."""
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """Everything that was read, at x, by noise group; made by `readings_at`.
+
+    held: the rows of every group, shape (K, d, n + 1), where they are few enough to be kept.
+    """
+
+    system: Whitened
+    x: Array
+    piles: tuple[Pile, ...]
+    held: tuple[Array, ...] | None
+
+    def pieces(self) -> Iterator[Piece]:
+        """All rows, those of a few thousand components at a time where they are not held."""
+        if self.held is not None:
+            yield tuple((slice(0, len(rows)), rows) for rows in self.held)
+            return
+        for own, rows in self.system.rows.pieces():
+            both = _side_by_side(self.system, rows, self.x)
+            yield tuple(
+                (slice(own.start * each, own.stop * each), _of_group(both, pile.group))
+                for pile in self.piles
+                for each in (len(pile.group.columns) // pile.group.block,)
+            )
+
+    def white(self, sigmas: Mapping[str, float]) -> list[Array]:
+        """Whitened rows of every group, which must be held, shape (K, d, n + 1). Args: sigmas: where none is known."""
+        assert self.held is not None
+        return [
+            rows * pile.inverse(sigmas[pile.group.name])[:, :, None]
+            for pile, rows in zip(self.piles, self.held, strict=True)
+        ]
+
+    def rows(self, number: int, i: int) -> Array:
+        """Of one reading of the pile of this number, shape (d, n + 1)."""
+        if self.held is not None:
+            return np.asarray(self.held[number][i])
+        pile = self.piles[number]
+        pose = int(pile.pose[i])
+        alone = self.system.rows.take(slice(pose, pose + 1))
+        return np.asarray(_of_group(_side_by_side(self.system, alone, self.x), pile.group)[pile.place[i]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,27 +140,51 @@ class Judged:
     y: Array
 
 
-def piles(system: Whitened, x: Array, known: Array) -> tuple[Pile, ...]:
-    """The readings at x by noise group. Args: known: standard deviations, shape (N, m), NaN where unknown."""
-    rows: Rows = system.rows
-    r, jacobian = rows(x)
-    both = np.concatenate([jacobian[:, :, system.index] * system.scales, r[:, :, None]], axis=2)
-    out = []
+def readings_at(system: Whitened, x: Array, known: Array, *, hold: bool | None = None) -> Readings:
+    """The readings at x by noise group, of those groups that have any.
+
+    Args:
+        known: standard deviations, shape (N, m), NaN where unknown. hold: whether all rows are kept; if they are not
+            very many when None.
+    """
+    rows = system.rows
+    both = _side_by_side(system, rows, x) if (not rows.many if hold is None else hold) else None
+    r = rows.residual(x) if both is None else both[:, :, -1]
+    found, held = [], []
     for group in rows.measurement.groups:
         columns = list(group.columns)
         each = len(columns) // group.block
         shape = (len(r) * each, group.block)
-        out.append(
+        seen = rows.seen[:, columns].reshape(shape)
+        if not seen.any():
+            continue
+        found.append(
             Pile(
                 group,
-                both[:, columns].reshape(*shape, both.shape[2]),
-                rows.seen[:, columns].reshape(shape),
+                r[:, columns].reshape(shape),
+                seen,
                 known[:, columns].reshape(shape),
                 np.repeat(np.arange(len(r)), each),
                 np.tile(np.arange(each), len(r)),
             )
         )
-    return tuple(out)
+        if both is not None:
+            held.append(_of_group(both, group))
+    return Readings(system, x, tuple(found), None if both is None else tuple(held))
+
+
+def _side_by_side(system: Whitened, rows: Rows, x: Array) -> Array:
+    """[J S, r] of every component, shape (N, m, n + 1)."""
+    r, jacobian = rows(x)
+    out = np.empty((*r.shape, len(system.index) + 1))
+    np.multiply(jacobian[:, :, system.index], system.scales, out=out[:, :, :-1])
+    out[:, :, -1] = r
+    return out
+
+
+def _of_group(both: Array, group: Group) -> Array:
+    """The same by reading, shape (K, d, n + 1)."""
+    return both[:, list(group.columns)].reshape(-1, group.block, both.shape[2])
 
 
 def without(stacked: Array, own: Array) -> Array:
@@ -125,21 +199,22 @@ def without(stacked: Array, own: Array) -> Array:
     return np.asarray(scipy.linalg.solve_triangular(triangle, half @ np.linalg.solve(left, own[:, -1])))
 
 
-def judged(given: tuple[Pile, ...], known: Array, sigmas: dict[str, float], loss: Loss) -> tuple[Judged, ...]:
-    """Every reading judged by the good ones.
+def judged(given: Readings, known: Array, sigmas: dict[str, float], loss: Loss) -> tuple[Judged, ...]:
+    """Every reading judged by the good ones, by noise group.
 
     Args:
         known: whitened rows of all that is known beforehand, shape (k, n + 1). sigmas: noise by group to begin with.
         loss: with the linear one all are good to begin with, with a robust one those near to the estimate.
     """
-    count = sum(int(pile.there.sum()) for pile in given)
-    good = [pile.there & (_near(pile, sigmas[pile.group.name]) | (loss == "linear")) for pile in given]
+    piles = given.piles
+    count = sum(int(pile.there.sum()) for pile in piles)
+    good = [pile.there & (_near(pile, sigmas[pile.group.name]) | (loss == "linear")) for pile in piles]
     sigmas, before = dict(sigmas), set[bytes]()
     for _ in range(_ROUNDS):
         found = _by_good(given, known, sigmas, good, CHANCE / max(count, 1))
-        settled = all(abs(j.sigma / sigmas[p.group.name] - 1) < _SETTLED for p, j in zip(given, found, strict=True))
-        sigmas = {pile.group.name: j.sigma for pile, j in zip(given, found, strict=True)}
-        last, good = good, [_next(p, j, g) for p, j, g in zip(given, found, good, strict=True)]
+        settled = all(abs(j.sigma / sigmas[p.group.name] - 1) < _SETTLED for p, j in zip(piles, found, strict=True))
+        sigmas = {pile.group.name: j.sigma for pile, j in zip(piles, found, strict=True)}
+        last, good = good, [_next(p, j, g) for p, j, g in zip(piles, found, good, strict=True)]
         same = all(np.array_equal(a, b) for a, b in zip(last, good, strict=True))
         key = b"".join(g.tobytes() for g in good)
         if (same and settled) or (not same and key in before):
@@ -150,7 +225,7 @@ def judged(given: tuple[Pile, ...], known: Array, sigmas: dict[str, float], loss
 
 def _near(pile: Pile, sigma: float) -> Mask:
     """Readings that are as near to the estimate as nearly all good ones."""
-    square = np.sum(pile.white(sigma)[:, :, -1] ** 2, axis=1)
+    square = np.sum(pile.white(sigma) ** 2, axis=1)
     return np.asarray(square <= 2 * scipy.special.gammaincinv(np.maximum(pile.size, 1) / 2, _SURELY_GOOD))
 
 
@@ -165,37 +240,78 @@ def _next(pile: Pile, found: Judged, good: Mask) -> Mask:
 
 
 def _by_good(
-    given: tuple[Pile, ...], known: Array, sigmas: dict[str, float], good: list[Mask], chance: float
+    given: Readings, known: Array, sigmas: dict[str, float], good: list[Mask], chance: float
 ) -> tuple[Judged, ...]:
     """One round: the estimate of the good readings at these sigmas, and every reading beside it."""
-    white = [pile.white(sigmas[pile.group.name]) for pile in given]
+    inverse = [pile.inverse(sigmas[pile.group.name]) for pile in given.piles]
+    root, y = _estimate(given, known, inverse, good)
+    beside = [_Beside.nothing(pile) for pile in given.piles]
+    for piece in given.pieces():
+        for (own, rows), scale, among, out in zip(piece, inverse, good, beside, strict=True):
+            out.fill(own, rows * scale[own, :, None], root, y, among[own])
+    return tuple(
+        _judged(pile, found, sigmas[pile.group.name], own, y, chance)
+        for pile, found, own in zip(given.piles, beside, good, strict=True)
+    )
+
+
+def _estimate(given: Readings, known: Array, inverse: list[Array], good: list[Mask]) -> tuple[Array, Array]:
+    """R^-1 of the whitened rows of the good readings and what is known, shape (n, n), and their minimiser, (n,)."""
     width = known.shape[1]
-    stacked = np.vstack([*(w[g].reshape(-1, width) for w, g in zip(white, good, strict=True)), known])
-    triangle: Array = np.asarray(np.linalg.qr(np.vstack([stacked, np.zeros((width, width))]), mode="r"))
+    stacked = np.zeros((0, width))
+    for piece in given.pieces():
+        told = [
+            (rows * scale[own, :, None])[among[own]].reshape(-1, width)
+            for (own, rows), scale, among in zip(piece, inverse, good, strict=True)
+        ]
+        stacked = np.vstack(told) if given.held is not None else appended(stacked, np.vstack(told))
+    triangle: Array = np.asarray(np.linalg.qr(np.vstack([stacked, known, np.zeros((width, width))]), mode="r"))
     root = scipy.linalg.solve_triangular(triangle[:-1, :-1], np.eye(width - 1))
-    y = np.append(-root @ triangle[:-1, -1], 1.0)
-    out = []
-    for pile, rows, own in zip(given, white, good, strict=True):
-        sigma, unit = sigmas[pile.group.name], np.eye(pile.group.block)
-        r, half = rows @ y, rows[:, :, :-1] @ root
+    return root, -root @ triangle[:-1, -1]
+
+
+@dataclass(frozen=True, slots=True)
+class _Beside:
+    """The readings of a pile beside an estimate, whitened, filled piece by piece.
+
+    r: residuals, shape (K, d). hat: traces of H, shape (K,). inside: e of good readings, (I + H)^-1 r of others, shape
+    (K, d).
+    """
+
+    r: Array
+    hat: Array
+    inside: Array
+
+    @staticmethod
+    def nothing(pile: Pile) -> _Beside:
+        return _Beside(np.empty(pile.r.shape), np.empty(len(pile.r)), np.empty(pile.r.shape))
+
+    def fill(self, own: slice, rows: Array, root: Array, y: Array, good: Mask) -> None:
+        unit = np.eye(rows.shape[1])
+        r, half = rows @ np.append(y, 1.0), rows[:, :, :-1] @ root
         hat = half @ half.swapaxes(1, 2)
-        inside = np.linalg.solve(np.where(own[:, None, None], unit - hat, unit + hat), r[:, :, None])[:, :, 0]
-        test = np.sum(r * inside, axis=1)
-        off = np.where(own[:, None], inside, r)
-        size = np.maximum(pile.size, 1)
-        dof = int(pile.size[own].sum()) - float(np.einsum("nii->n", hat)[own].sum())
-        squares = float(np.sum(r[own] ** 2))
-        scale = float(np.sqrt(squares / max(dof, 1.0)))
-        if np.isfinite(pile.known[pile.seen]).all():
-            chances, ratio, grown = scipy.special.chdtrc(size, test), test / size, 1.0
-        else:
-            grown = scale
-            fewer = np.where(own, dof - size, dof)
-            rest = np.where(own, squares - test, squares) / np.maximum(fewer, 1.0)
-            ratio = test / size / np.maximum(rest, 1e-300)
-            chances = np.where(fewer > 0, scipy.special.fdtrc(size, np.maximum(fewer, 1.0), ratio), 1.0)
-        new = max(sigma * grown, pile.group.floor)
-        spread = np.where(np.isfinite(pile.known), pile.known, sigma)
-        bad = pile.there & (chances < chance)
-        out.append(Judged(off * spread, new, np.where(pile.there, ratio, 0.0), bad, scale, y[:-1]))
-    return tuple(out)
+        self.r[own], self.hat[own] = r, np.einsum("nii->n", hat)
+        left = np.where(good[:, None, None], unit - hat, unit + hat)
+        self.inside[own] = np.linalg.solve(left, r[:, :, None])[:, :, 0]
+
+
+def _judged(pile: Pile, found: _Beside, sigma: float, own: Mask, y: Array, chance: float) -> Judged:
+    r, inside = found.r, found.inside
+    test = np.sum(r * inside, axis=1)
+    off = np.where(own[:, None], inside, r)
+    size = np.maximum(pile.size, 1)
+    dof = int(pile.size[own].sum()) - float(found.hat[own].sum())
+    squares = float(np.sum(r[own] ** 2))
+    scale = float(np.sqrt(squares / max(dof, 1.0)))
+    if np.isfinite(pile.known[pile.seen]).all():
+        chances, ratio, grown = scipy.special.chdtrc(size, test), test / size, 1.0
+    else:
+        grown = scale
+        fewer = np.where(own, dof - size, dof)
+        rest = np.where(own, squares - test, squares) / np.maximum(fewer, 1.0)
+        ratio = test / size / np.maximum(rest, 1e-300)
+        chances = np.where(fewer > 0, scipy.special.fdtrc(size, np.maximum(fewer, 1.0), ratio), 1.0)
+    new = max(sigma * grown, pile.group.floor)
+    spread = np.where(np.isfinite(pile.known), pile.known, sigma)
+    bad = pile.there & (chances < chance)
+    return Judged(off * spread, new, np.where(pile.there, ratio, 0.0), bad, scale, y)

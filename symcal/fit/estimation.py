@@ -29,6 +29,7 @@ from symcal.fit.remainder_posterior import RemainderPosterior
 from symcal.fit.residual_rows import Rows
 from symcal.fit.robust import LOSSES, REDESCENDING, Loss
 from symcal.fit.sandwich import sandwich
+from symcal.fit.triangles import Triangles
 from symcal.fit.variance_components import Components
 from symcal.fit.variances import VarianceModel, Variances
 from symcal.fit.whitened import LINKS, whitened
@@ -155,7 +156,7 @@ def fit(
     """
     model = variance_model(rows, free, options, reference, prior_mean=prior_mean)
     reference, rows = model.system.reference, model.system.rows
-    if not np.isfinite(rows.residual(reference)).all():
+    if not model.finite(reference):
         raise RefusedError("the model gives no finite number at the first guess: check joint readings and units")
     check_redundancy(rows, free, bool(model.estimated))
     return _Search(model, options).best(reference, nested)
@@ -182,18 +183,20 @@ def variance_model(
     found = options.shrinking if options.scales == "stated" else tuple(system.groups)
     factors = tuple(name for name, own in system.groups.items() if own.any() and name in found)
     hold = options.loss in REDESCENDING
-    return VarianceModel(system, known, missing, estimated, factors, options.loss, options.shrinking, hold)
+    triangles = Triangles(system, known) if rows.many else None
+    return VarianceModel(system, known, missing, estimated, factors, options.loss, options.shrinking, hold, triangles)
 
 
 def minimised(model: VarianceModel, options: Options, variances: Variances, start: Array) -> Solution:
     """The minimum of the objective for given variances, in scaled errors, from errors of all parameters, shape (n,)."""
-    system, spread = model.system, model.spread(variances)
+    system, rows = model.system, model.rows_with(variances)
 
     def evaluate(y: Array) -> tuple[Array, Array]:
-        stacked = system.rows_at(system.at(y), spread, variances.factors)
+        stacked = rows(system.at(y))
         return stacked[:, -1], stacked[:, :-1]
 
-    problem = Problem(evaluate, system.scaled(start), np.ones(len(system.free)))
+    equations = int(system.rows.seen.sum()) if system.rows.many else None
+    problem = Problem(evaluate, system.scaled(start), np.ones(len(system.free)), equations)
     return SOLVERS[options.solver](problem, options.tolerances)
 
 
@@ -282,14 +285,14 @@ class _Search:
 
     def _objective(self, x: Array, variances: Variances) -> float:
         """|Sigma^-1/2 r|^2 + priors + |y / s|^2 at x."""
-        residual = self.model.system.rows_at(x, self.model.spread(variances), variances.factors)[:, -1]
+        residual = self.model.rows_with(variances)(x)[:, -1]
         return float(residual @ residual)
 
     def _finished(self, x: Array, variances: Variances, solution: Solution, path: list[Array], trouble: str) -> Fit:
         model, system = self.model, self.model.system
         rows, parameters = system.rows, system.rows.measurement.parameters
         found, blocks = model.at(x, variances)
-        data = system.data_rows(x, model.spread(variances))
+        data = model.data_rows_with(variances)(x)
         before = system.before
         assumed = system.factors(variances.factors) * before.assumed
         known = np.vstack([before.stated, system.value_rows(x)[:, :-1] / system.scales])
@@ -330,11 +333,10 @@ class _Search:
 
     def _by_group(self, x: Array, variances: Variances, found: Components) -> dict[str, tuple[float, float]]:
         """Chi-squared and degrees of freedom of every noise group."""
-        out, spread = {}, self.model.spread(variances)
+        out, counts = {}, np.isfinite(self.model.spread(variances))
+        rows = self.model.group_rows(x, variances)
         for group in self.model.system.rows.measurement.groups:
-            own = np.full_like(spread, np.inf)
-            own[:, list(group.columns)] = spread[:, list(group.columns)]
-            rows = self.model.system.data_rows(x, own)
-            taken = float(np.sum((rows[:, :-1] @ found.root) ** 2))
-            out[group.name] = float(rows[:, -1] @ rows[:, -1]), int(np.isfinite(own).sum()) - taken
+            own = rows[group.name]
+            taken = float(np.sum((own[:, :-1] @ found.root) ** 2))
+            out[group.name] = float(own[:, -1] @ own[:, -1]), int(counts[:, list(group.columns)].sum()) - taken
         return out

@@ -104,8 +104,8 @@ class Groups:
 
     def covariance(self, group: str) -> Array:
         """Of the free parameters, were a group as large as is plausible, shape (n, n): what the data tell of it."""
-        system, factors = self.model.system, self.variances.factors | {group: 1.0}
-        rows = system.rows_at(self.x, self.model.spread(self.variances), factors)[:, :-1]
+        system, given = self.model.system, replace(self.variances, factors=self.variances.factors | {group: 1.0})
+        rows = self.model.rows_with(given)(self.x)[:, :-1]
         root = scipy.linalg.solve_triangular(np.linalg.qr(rows, mode="r"), np.eye(rows.shape[1]))
         return np.asarray(np.outer(system.scales, system.scales) * (root @ root.T))
 
@@ -115,11 +115,14 @@ class Groups:
         The estimate of every fold is that of the linearised model at the variances of the whole. Places and points that
         only the held-out poses tell of are fitted to these.
         """
-        variances = self.variances_without(groups)
-        linear = self.model.system.rows.at(self.x)
-        out = np.zeros_like(linear.r)
-        for fold, step in steps_without(self.model, self.x, variances, folds):
-            out[fold] = linear.moved(step)[fold]
+        variances, rows = self.variances_without(groups), self.model.system.rows
+        out, of, steps = np.zeros(rows.seen.shape), np.zeros(len(rows.seen), dtype=np.intp), []
+        for i, (fold, step) in enumerate(steps_without(self.model, self.x, variances, folds), start=1):
+            of[fold] = i
+            steps.append(step)
+        every = np.array([np.zeros(len(self.x)), *steps])
+        for own, part in rows.pieces():
+            out[own] = np.where(of[own, None] > 0, part.at(self.x).moved(every[of[own]]), 0.0)
         return out
 
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.fit.appended import appended
+from symcal.fit.variance_components import compressed
 from symcal.fit.variances import VarianceModel, Variances
+from symcal.fit.whitened import Whitened
 
 Array = NDArray[np.float64]
 Fold = NDArray[np.intp]
@@ -25,24 +30,51 @@ def steps_without(
         folds: numbers of poses that are left out together.
     """
     system = model.system
-    linear, spread = system.rows.at(x), model.spread(variances)
     known = system.known_rows(x, variances.factors)
-    for fold in folds:
-        own = spread.copy()
-        own[fold] = np.inf
-        rows = system.picked(linear, own)
-        stacked = np.vstack([rows, known])
+    for fold, others, own in _apart(model, x, variances, folds):
+        stacked = np.vstack([others, known])
         y = np.linalg.lstsq(stacked[:, :-1], -stacked[:, -1], rcond=None)[0]
-        loose = np.flatnonzero(system.before.nearly_free & ~rows[:, :-1].any(axis=0))
+        loose = np.flatnonzero(system.before.nearly_free & ~others[:, :-1].any(axis=0))
         if loose.size:
-            own = np.full_like(spread, np.inf)
-            own[fold] = spread[fold]
-            told = system.picked(linear, own)
+            told = own()
             left = told[:, :-1] @ y + told[:, -1]
             y[loose] -= np.linalg.lstsq(told[:, loose], left, rcond=None)[0]
         step = np.zeros(len(x))
         step[system.index] = system.scales * y
         yield fold, step
+
+
+def _apart(
+    model: VarianceModel, x: Array, variances: Variances, folds: Sequence[Fold]
+) -> Iterator[tuple[Fold, Array, Callable[[], Array]]]:
+    """Every fold with the whitened rows of all other poses, shape (k, n + 1), and its own."""
+    system, spread = model.system, model.spread(variances)
+    if system.rows.many:
+        triangles, rest = _by_fold(system, x, spread, folds)
+        for i, fold in enumerate(folds):
+            others = np.vstack([rest, *(each for k, each in enumerate(triangles) if k != i)])
+            yield fold, appended(np.zeros((0, others.shape[1])), others), partial(triangles.__getitem__, i)
+        return
+    linear = system.rows.at(x)
+    for fold in folds:
+        others, own = spread.copy(), np.full_like(spread, np.inf)
+        others[fold] = np.inf
+        own[fold] = spread[fold]
+        yield fold, system.picked(linear, others), partial(system.picked, linear, own)
+
+
+def _by_fold(system: Whitened, x: Array, spread: Array, folds: Sequence[Fold]) -> tuple[list[Array], Array]:
+    """The triangle of the rows of every fold, and that of poses which are in none."""
+    rest = np.ones(len(spread), dtype=np.bool_)
+    for fold in folds:
+        rest[fold] = False
+
+    def triangle(poses: Fold) -> Array:
+        if not poses.size:
+            return np.zeros((0, len(system.free) + 1))
+        return compressed(replace(system, rows=system.rows.take(poses)).data_rows(x, spread[poses]))
+
+    return [triangle(fold) for fold in folds], triangle(np.flatnonzero(rest))
 
 
 def folds_of(model: VarianceModel, count: int) -> list[Fold]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,10 @@ from symcal.model.staged_kernel import StagedKernel, Twists
 
 Array = NDArray[np.float64]
 
+FEW_POSES, FEW_COMPONENTS = 1024, 12_288
+"""Of more poses and components of residuals than these, the Jacobian is never held whole: see `Rows.pieces`."""
+_AT_ONCE = 3072  # components of a piece: with its slopes it stays in the cache of a processor
+_FEWEST = 64  # poses of a piece
 _NO_VARIANCE = 1e-13
 """Variances below this share of a pose's largest are rounding of none at all."""
 
@@ -31,11 +35,16 @@ class Linear:
     slopes: tuple[tuple[slice, NDArray[np.intp], Array | Twists], ...]
 
     def moved(self, step: Array) -> Array:
-        """r + J step: the residuals to first order after a change of all parameters, shape (N, m)."""
+        """r + J step: the residuals to first order after a change of all parameters, shape (N, m).
+
+        Args:
+            step: of every pose, shape (N, n).
+        """
         out = self.r.copy()
         for columns, poses, slopes in self.slopes:
             jacobian = slopes.jacobian if isinstance(slopes, Twists) else slopes
-            out[np.ix_(poses, np.arange(self.r.shape[1])[columns])] += jacobian @ step
+            moved = (jacobian @ step[poses][:, :, None])[:, :, 0]
+            out[np.ix_(poses, np.arange(self.r.shape[1])[columns])] += moved
         return out
 
     def weighted(self, spread: Array, index: NDArray[np.intp], scales: Array) -> Array:
@@ -65,8 +74,8 @@ def _picked(r: Array, jacobian: Array, spread: Array, index: NDArray[np.intp], s
     keep = np.flatnonzero(np.isfinite(spread).ravel())
     inverse = 1 / spread.ravel()[keep]
     out = np.empty((len(keep), len(index) + 1))
-    out[:, :-1] = jacobian.reshape(r.size, -1)[np.ix_(keep, index)]
-    out[:, :-1] *= scales
+    flat = jacobian.reshape(r.size, -1)
+    np.multiply(flat[:, index] if len(keep) == r.size else flat[np.ix_(keep, index)], scales, out=out[:, :-1])
     out[:, -1] = r.ravel()[keep]
     out *= inverse[:, None]
     return out
@@ -90,6 +99,8 @@ class Rows:
     seen: NDArray[np.bool_]
     mixing: Array | None = None
     unplaced: frozenset[str] = frozenset()
+    # Made on first use, never changed after.
+    _pieces: list[tuple[slice, Rows]] = field(default_factory=list, init=False, compare=False, repr=False)
 
     def values(self, x: Array) -> tuple[Array, Array]:
         """What is known between things, over its noise: r (k,) and J (k, n)."""
@@ -133,7 +144,41 @@ class Rows:
 
     def residual(self, x: Array) -> Array:
         """The residuals alone, shape (N, m)."""
-        return self.at(x).r
+        if not self.many:
+            return self.at(x).r
+        out = np.empty(self.seen.shape)
+        for own, rows in self.pieces():
+            out[own] = rows.at(x).r
+        return out
+
+    @property
+    def many(self) -> bool:
+        """Whether there are so many that their Jacobian is never held whole."""
+        return len(self.seen) > FEW_POSES and self.seen.size > FEW_COMPONENTS
+
+    def pieces(self) -> Sequence[tuple[slice, Rows]]:
+        """Which poses, and their rows: a piece at a time where there are `many`, else all at once.
+
+        Borders are by the numbers of poses and components alone, so that results repeat.
+        """
+        if not self.many:
+            return ((slice(0, len(self.seen)), self),) if len(self.seen) else ()
+        if not self._pieces:
+            count, step = len(self.seen), max(_AT_ONCE // self.seen.shape[1], _FEWEST)
+            borders = [slice(first, min(first + step, count)) for first in range(0, count, step)]
+            self._pieces.extend((own, self.take(own)) for own in borders)
+        return self._pieces
+
+    def take(self, poses: slice | NDArray[np.intp]) -> Rows:
+        """The rows of some poses, in their order; of consecutive ones their data are nameless."""
+        return replace(
+            self,
+            data=self.data.between(poses) if isinstance(poses, slice) else self.data.take(poses),
+            poses=tuple(_among(own, poses, len(self.seen)) for own in self.poses),
+            z=self.z[poses],
+            seen=self.seen[poses],
+            mixing=None if self.mixing is None else self.mixing[poses],
+        )
 
     def _evaluated(self, x: Array) -> tuple[Array, Array]:
         if len(self.kernels) == 1:
@@ -163,6 +208,14 @@ class Rows:
         kept = variance > _NO_VARIANCE * variance[:, -1:]
         scale = np.where(kept, 1 / np.sqrt(np.where(kept, variance, 1.0)), 0.0)
         return replace(self, mixing=scale[:, :, None] * axes.swapaxes(1, 2), seen=kept)
+
+
+def _among(read: NDArray[np.intp], poses: slice | NDArray[np.intp], count: int) -> NDArray[np.intp]:
+    """Which of some poses are among those that were read, in ascending order."""
+    if isinstance(poses, slice):
+        first, last = np.searchsorted(read, (poses.start, poses.stop))
+        return np.asarray(read[first:last] - poses.start)
+    return np.flatnonzero(np.bincount(read, minlength=count)[poses])
 
 
 def rows_of(

@@ -13,12 +13,13 @@ tell nothing the plausible size remains. After [Huber1981] sec. 7.6; c by weight
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from symcal.fit.appended import appended
 from symcal.fit.robust import Loss, loss_slopes, loss_weights
 from symcal.fit.whitened import Whitened
 
@@ -36,28 +37,50 @@ def sandwich(system: Whitened, x: Array, spread: Array, factors: Mapping[str, fl
     """
     counts = np.isfinite(spread)
     inverse = counts / np.where(counts, spread, 1.0)
-    r, jacobian = system.rows(x)
-    steep, psi = np.zeros_like(r), np.zeros_like(r)
-    blocks = np.zeros(r.shape, dtype=np.intp)
+    white = system.rows.residual(x) * inverse
+    steep, psi = np.zeros_like(white), np.zeros_like(white)
     for group in system.rows.measurement.groups:
         columns = list(group.columns)
-        shape = (len(r), -1, group.block)
-        norms = np.linalg.norm((r * inverse)[:, columns].reshape(shape), axis=2)
+        shape = (len(white), -1, group.block)
+        norms = np.linalg.norm(white[:, columns].reshape(shape), axis=2)
         size = counts[:, columns].reshape(shape).sum(axis=2)
         w, slope = loss_weights(loss, norms, group.block), loss_slopes(loss, norms, group.block)
         share = max(float(slope[size > 0].sum()), 0.0) / max(float(w[size > 0].sum()), _LEAST)
         steep[:, columns] = np.repeat(np.sqrt(share * w), group.block, axis=1)
         psi[:, columns] = np.repeat(w * norms / np.sqrt(np.maximum(size, 1)), group.block, axis=1)
-        own = 1 + blocks.max() + np.arange(norms.size).reshape(norms.shape)
-        blocks[:, columns] = np.repeat(own, group.block, axis=1)
-    rows = (jacobian[:, :, system.index] * system.scales * inverse[:, :, None])[counts]
-    known = system.known_rows(x, factors)[:, :-1]
-    telling = rows * steep[counts][:, None]
-    triangle: Array = np.asarray(np.linalg.qr(np.vstack([telling, known]), mode="r"), dtype=np.float64)
-    root = scipy.linalg.solve_triangular(triangle, np.eye(triangle.shape[1]))
-    own = blocks[counts]
-    leverage = np.bincount(own, np.sum((telling @ root) ** 2, axis=1)) / np.maximum(np.bincount(own), 1)
-    left = np.sqrt(np.maximum(1 - leverage[own], _LEAST))
-    scattered = np.vstack([rows * (psi[counts] / left)[:, None], known]) @ root
-    half = root @ np.asarray(np.linalg.qr(scattered, mode="r")).T
+    known, n = system.known_rows(x, factors)[:, :-1], len(system.free)
+
+    def pieces() -> Iterator[tuple[slice, Array]]:
+        for own, part in system.rows.pieces():
+            jacobian = part(x)[1][:, :, system.index]
+            yield own, (jacobian * system.scales * inverse[own, :, None])[counts[own]]
+
+    held = None if system.rows.many else list(pieces())
+    triangle = np.zeros((0, n))
+    for own, rows in held or pieces():
+        triangle = appended(triangle, rows * steep[own][counts[own]][:, None])
+    root = scipy.linalg.solve_triangular(appended(triangle, known), np.eye(n))
+    blocks = _blocks(system)
+    scattered = np.zeros((0, n))
+    for own, rows in held or pieces():
+        kept = counts[own]
+        telling = np.zeros(kept.shape)
+        telling[kept] = np.sum((rows * steep[own][kept][:, None] @ root) ** 2, axis=1)
+        leverage = np.stack([telling[:, of].sum(axis=1) for of in blocks], axis=1)
+        size = np.stack([kept[:, of].sum(axis=1) for of in blocks], axis=1)
+        each = np.zeros(kept.shape)
+        for i, of in enumerate(blocks):
+            each[:, of] = (leverage[:, i] / np.maximum(size[:, i], 1))[:, None]
+        left = np.sqrt(np.maximum(1 - each[kept], _LEAST))
+        scattered = appended(scattered, rows * (psi[own][kept] / left)[:, None] @ root)
+    half = root @ appended(scattered, known @ root).T
     return np.asarray(half @ half.T)
+
+
+def _blocks(system: Whitened) -> list[list[int]]:
+    """Components of every reading of a pose."""
+    return [
+        list(group.columns[first : first + group.block])
+        for group in system.rows.measurement.groups
+        for first in range(0, len(group.columns), group.block)
+    ]

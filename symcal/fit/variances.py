@@ -7,6 +7,7 @@ weights with it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from symcal.errors import RefusedError
 from symcal.fit.noise import block_sigmas, robust_weights, spread_of, weighted_sigmas
 from symcal.fit.residual_rows import Linear
 from symcal.fit.robust import Loss
+from symcal.fit.triangles import Triangles
 from symcal.fit.variance_components import Block, Components, Tie, at_variances, compressed, likeliest
 from symcal.fit.whitened import LINKS, Whitened
 from symcal.model.measurement import Group
@@ -81,6 +83,8 @@ class VarianceModel:
     shrinking: tuple[str, ...] = ()
     hold: bool = False
     """Robust weights alone are found: the noise stays."""
+    triangles: Triangles | None = None
+    """In place of the rows, where these are very many."""
 
     @property
     def settled(self) -> bool:
@@ -96,6 +100,37 @@ class VarianceModel:
     def spread(self, variances: Variances) -> Array:
         """Standard deviation that whitens each component, shape (N, m); infinite where it does not count."""
         return spread_of(self.system.rows, self.known, variances.sigmas, variances.weights)
+
+    def finite(self, x: Array) -> bool:
+        """Whether the model gives finite numbers at x."""
+        if self.triangles is None:
+            return bool(np.isfinite(self.system.rows.residual(x)).all())
+        found = self.triangles.at(x, self.system.rows.seen.astype(float))
+        return all(np.isfinite(each).all() for each in (*found.unknown.values(), *found.known.values()))
+
+    def rows_with(self, variances: Variances) -> Callable[[Array], Array]:
+        """x -> whitened [J S, r] of everything, shape (k, n + 1)."""
+        own, factors = self.data_rows_with(variances), variances.factors
+        return lambda x: np.vstack([own(x), self.system.known_rows(x, factors)])
+
+    def data_rows_with(self, variances: Variances) -> Callable[[Array], Array]:
+        """x -> whitened [J S, r] of the measurements, shape (k, n + 1); the triangles of very many."""
+        if self.triangles is not None:
+            at, weights, sigmas = self.triangles.at, variances.weights, variances.sigmas
+            return lambda x: np.vstack([*at(x, weights).whitened(sigmas).values()])
+        spread = self.spread(variances)
+        return lambda x: self.system.data_rows(x, spread)
+
+    def group_rows(self, x: Array, variances: Variances) -> dict[str, Array]:
+        """Whitened [J S, r] of every noise group alone, shape (k, n + 1) each."""
+        if self.triangles is not None:
+            return self.triangles.at(x, variances.weights).whitened(variances.sigmas)
+        out, spread = {}, self.spread(variances)
+        for group in self.system.rows.measurement.groups:
+            own = np.full_like(spread, np.inf)
+            own[:, list(group.columns)] = spread[:, list(group.columns)]
+            out[group.name] = self.system.data_rows(x, own)
+        return out
 
     def first(self, x: Array, stated: dict[str, float], tolerance: float) -> Variances:
         """Variances for the model linearised at x when nothing is known of them, without robust weights."""
@@ -188,11 +223,8 @@ class VarianceModel:
     def _blocks(self, x: Array, variances: Variances, groups: tuple[str, ...]) -> tuple[list[str], list[Block], Array]:
         """Names and blocks of unknown variance, the noise of ``groups`` among them, and the rows of known variance."""
         system = self.system
-        linear = system.rows.at(x)
-        sigmas = {name: sigma for name, sigma in variances.sigmas.items() if name not in groups}
-        spread = spread_of(system.rows, self.known, sigmas, variances.weights)
-        blocks = [self._noise_block(name, linear, variances.weights) for name in groups]
-        fixed = np.vstack([system.picked(linear, spread), system.prior_rows(x)])
+        blocks, data = self._noise_blocks(x, variances, groups)
+        fixed = np.vstack([data, system.prior_rows(x)])
         for group in system.groups:
             sizes = system.size_rows(x, group)
             if group not in self.factors:
@@ -205,14 +237,33 @@ class VarianceModel:
                 blocks.append(Block(sizes, len(sizes), 2 * np.log(_SMALLEST_FACTOR), largest, _FACTOR_WIDTH))
         return [*groups, *map(size_name, self.factors)], blocks, compressed(fixed)
 
-    def _noise_block(self, name: str, linear: Linear, weights: Array) -> Block:
-        group = self._group(name)
-        columns = list(group.columns)
+    def _noise_blocks(self, x: Array, variances: Variances, groups: tuple[str, ...]) -> tuple[list[Block], Array]:
+        """The blocks of groups of unknown noise, and the rows of all other measurements, whitened."""
+        weights, system = variances.weights, self.system
+        sigmas = {name: sigma for name, sigma in variances.sigmas.items() if name not in groups}
+        masks = {name: self._unknown(name, weights) for name in groups}
+        if self.triangles is not None:
+            found = self.triangles.at(x, weights)
+            unknown = dict(found.unknown)
+            data = np.vstack([*found.whitened(sigmas).values()])
+        else:
+            linear = system.rows.at(x)
+            unknown = {name: compressed(self._at_unit_noise(linear, masks[name], weights)) for name in groups}
+            data = system.picked(linear, spread_of(system.rows, self.known, sigmas, weights))
+        blocks = [
+            Block(unknown[name], int(masks[name].sum()), 2 * np.log(self._group(name).floor), np.inf) for name in groups
+        ]
+        return blocks, data
+
+    def _unknown(self, name: str, weights: Array) -> NDArray[np.bool_]:
+        """Components of unknown noise of a group that count, shape (N, m)."""
+        columns = list(self._group(name).columns)
         mask = np.zeros_like(self.missing)
         mask[:, columns] = self.missing[:, columns] & (weights[:, columns] > 0)
-        spread = np.where(mask, 1 / np.sqrt(np.where(mask, weights, 1.0)), np.inf)
-        rows = self.system.picked(linear, spread)
-        return Block(compressed(rows), int(mask.sum()), 2 * np.log(group.floor), np.inf)
+        return mask
+
+    def _at_unit_noise(self, linear: Linear, mask: NDArray[np.bool_], weights: Array) -> Array:
+        return self.system.picked(linear, np.where(mask, 1 / np.sqrt(np.where(mask, weights, 1.0)), np.inf))
 
     def _start(self, names: list[str], blocks: list[Block], fixed: Array, factor: float) -> Array:
         """Log variances for this factor with the noise that is left where noise counts as small."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.fit.appended import appended
 from symcal.fit.residual_rows import Linear, Rows
 from symcal.model.measurement import Measurement
 from symcal.parameters import ParameterSet
@@ -86,8 +87,13 @@ class Whitened:
         return np.asarray((x - self.reference)[self.index] / self.scales)
 
     def data_rows(self, x: Array, spread: Array) -> Array:
-        """Whitened [J S, r] of the measurements, shape (k, n + 1)."""
-        return self.picked(self.rows.at(x), spread)
+        """Whitened [J S, r] of the measurements, shape (k, n + 1); of very many their triangle, piece by piece."""
+        if not self.rows.many:
+            return self.picked(self.rows.at(x), spread)
+        out = np.zeros((0, len(self.free) + 1))
+        for own, rows in self.rows.pieces():
+            out = appended(out, self.picked(rows.at(x), spread[own]))
+        return out
 
     def rows_at(self, x: Array, spread: Array, factors: Mapping[str, float]) -> Array:
         """Whitened [J S, r] of everything, shape (k, n + 1).

@@ -74,12 +74,12 @@ def slopes_kernel(measurement: Measurement, evaluations: int | None = 0) -> Batc
     return _assembled(measurement, function, evaluations, lambda part: part.components, StagedKernel.jacobian)
 
 
-def errors_kernel(measurement: Measurement) -> BatchFunction | Assembled:
+def errors_kernel(measurement: Measurement, evaluations: int | None = 0) -> BatchFunction | Assembled:
     """(q, x, setup, z) -> what is judged, shape (N, ne)."""
     return _assembled(
         measurement,
         measurement.accuracy,
-        0,
+        evaluations,
         lambda part: slice(part.errors.start, part.attitudes.stop),
         StagedKernel.errors,
     )

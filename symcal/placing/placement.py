@@ -224,7 +224,11 @@ def _doubt(end: Ends | None) -> int:
 
 
 def _by_points(state: State, end: Ends, own: Dataset, data: Dataset, options: Options) -> Setup:
-    """The ends of one observation from its points or frames; among several guesses that which fits best."""
+    """The ends of one observation from its points or frames; among several guesses that which fits best.
+
+    Of very many poses a few thousand are looked at: the fit of all comes after.
+    """
+    own, data = own.few(), data.few()
     model, setup, chain = state.model, state.setup, end.chain(own.q, state.x)
     if end.observation.instrument.camera is not None:
         return camera_guesses(end, own, chain, setup)

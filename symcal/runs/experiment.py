@@ -20,6 +20,7 @@ from symcal.calibration.extension_facts import extension_facts
 from symcal.calibration.halves import Halves
 from symcal.calibration.model_check import ModelCheck
 from symcal.calibration.remainder import refined, remainder_facts, with_remainder
+from symcal.calibration.thinned import thinned_notes
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, RenderedData, SimulatedData
 from symcal.data.dataset import Dataset
@@ -117,7 +118,7 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
             errors["cross_validation"] = cross_validate(*own, near=calibration)
         except RefusedError as error:
             notes.append(f"cross-validation was not possible: {error}")
-    notes += [*extrapolation(measured), *optimism(errors)]
+    notes += [*extrapolation(measured), *optimism(errors), *thinned_notes(measured)]
     handover = None if found.truth is None else _handover(experiment, calibration, found.truth, rng)
     inputs = (experiment.document.path, experiment.robot_path, *found.inputs)
     instruments = results.instrument_facts(experiment.model.task, by_instrument)
@@ -257,11 +258,10 @@ def _content(
     if "cross_validation" in accuracy:
         accuracy["cross_validation"]["folds"] = file.validation.folds or 5
     expected = {
-        split: float(
-            np.sqrt(np.mean(expected_position_rms(calibration.model, calibration.after, data.part(split).q) ** 2))
-        )
+        split: float(np.sqrt(np.mean(expected_position_rms(calibration.model, calibration.after, q) ** 2)))
         for split in ("train", "test")
         if split in data.split
+        for q in (data.part(split).few().q,)
     }
     return {
         **results.header(file.name, file.title, experiment.seed, inputs, experiment.document.path.parent.resolve()),

@@ -64,20 +64,20 @@ def _error_table(data: Dataset, errors: Mapping[str, Mapping[str, Errors]]) -> l
         labels = data.part(split).labels
         labels = labels or tuple(str(i + 1) for i in range(int(max(e.pose.max() for e in errors[split].values())) + 1))
         for state, found in errors[split].items():
-            many = int(np.bincount(found.pose).max()) > _MANY
+            many, named = int(np.bincount(found.pose).max()) > _MANY, bool(features) and bool(found.point.max())
             for at, shown in _by_pose(found) if many else _by_reading(found):
                 row: dict[str, object] = {"data": split, "state": state, "pose": labels[found.pose[at]]}
-                point = features[found.point[at]] if features and found.point.max() else ""
+                point = features[found.point[at]] if named else ""
                 rows.append(row | ({"points": shown.pop("points")} if many else {"point": point}) | shown)
     return rows
 
 
 def _by_reading(found: Errors) -> Iterator[tuple[int, dict[str, float]]]:
     """Every reading: its place, its components, and their norm."""
-    for k, norm in enumerate(found.size):
-        row = {f"{name}_{found.unit}": float(v) for name, v in zip(found.names, found.vectors[k], strict=True)}
-        turn = np.nan if found.turns is None else float(np.rad2deg(found.turns[k]))
-        yield k, row | {found.key: float(norm), "orientation_deg": turn}
+    turns = np.full(len(found.size), np.nan) if found.turns is None else np.rad2deg(found.turns)
+    names = (*(f"{name}_{found.unit}" for name in found.names), found.key, "orientation_deg")
+    for k, values in enumerate(np.column_stack([found.vectors, found.size, turns]).tolist()):
+        yield k, dict(zip(names, values, strict=True))
 
 
 def _by_pose(found: Errors) -> Iterator[tuple[int, dict[str, float]]]:

@@ -59,7 +59,7 @@ def descend(
 
     if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
         return finish(Status.FAILED, "at the first guess")
-    reason = stop_reason(history[0], history[0], residual.size, tolerances)
+    reason = stop_reason(history[0], history[0], problem.counted(residual), tolerances)
     while reason is None:
         if len(history) > tolerances.iterations:
             return finish(Status.ITERATIONS, f"{tolerances.iterations}")
@@ -74,5 +74,5 @@ def descend(
                 length = float(np.linalg.norm(trial.step))
                 history.append(iterate(x, residual, jacobian, width, length, trial.size))
                 break
-        reason = stop_reason(history[-2], history[-1], residual.size, tolerances)
+        reason = stop_reason(history[-2], history[-1], problem.counted(residual), tolerances)
     return finish(*reason)

@@ -100,7 +100,7 @@ def ipopt(problem: Problem, tolerances: Tolerances = _NO_TOLERANCES) -> Solution
     if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
         return finish(Status.FAILED, "at the first guess")
     first = iterate(points[0], residual, jacobian, width, 0.0, 0.0)
-    reason = stop_reason(first, first, residual.size, tolerances)
+    reason = stop_reason(first, first, problem.counted(residual), tolerances)
     if reason is not None:  # also the end of a problem without unknowns
         return finish(*reason)
     status = _run(problem, tolerances, visited, points)

@@ -16,13 +16,20 @@ Array = NDArray[np.float64]
 class Problem:
     """Minimise 0.5 * |r(x)|^2.
 
-    evaluate: x (n,) -> r (m,) and J (m, n), already whitened. start: first guess, shape (n,).
-    scales: plausible size of each unknown, shape (n,): the fixed matrix D^-1 of the damping.
+    evaluate: x (n,) -> r (m,) and J (m, n), already whitened; or fewer rows with the same squared norms, such as a
+        triangle. start: first guess, shape (n,).
+    scales: plausible size of each unknown, shape (n,): the fixed matrix D^-1 of the damping. equations: how many rows
+        those of ``evaluate`` stand for; themselves when None.
     """
 
     evaluate: Callable[[Array], tuple[Array, Array]]
     start: Array
     scales: Array
+    equations: int | None = None
+
+    def counted(self, residual: Array) -> int:
+        """How many equations a residual stands for."""
+        return residual.size if self.equations is None else self.equations
 
 
 class Status(Enum):

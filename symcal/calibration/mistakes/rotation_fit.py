@@ -22,7 +22,7 @@ from symcal.spatial import signed_permutations
 
 Array = NDArray[np.float64]
 
-COUNT = 25
+COUNT, SIZE = 25, 65
 """Place of the number of poses in `sums`."""
 
 _NINE = 9

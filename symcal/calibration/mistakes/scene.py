@@ -98,8 +98,8 @@ def joints_tried(scene: Scene, hypotheses: Sequence[Hypothesis], poses: int = PO
     at = some(scene.rows, poses)
     scores, rms = [], []
     for first in range(0, len(hypotheses), _CHUNK):
-        own = [scene.moved(h) for h in hypotheses[first : first + _CHUNK]]
-        q, rows = np.array([q[at] for q, _ in own]), np.array([r[at] for _, r in own])
+        own = [(q[at], rows[at]) for q, rows in map(scene.moved, hypotheses[first : first + _CHUNK])]
+        q, rows = np.array([q for q, _ in own]), np.array([rows for _, rows in own])
         found = [s.misfit(s.chain(q), z[None, at], rows) for s, z in zip(scene.sights, scene.z, strict=True)]
         scores.append(_together(found))
         rms.append(_rms_together(scene, found))

@@ -14,7 +14,7 @@ from symcal.calibration.mistakes.hypotheses import (
     frame_hypotheses,
     point_hypotheses,
 )
-from symcal.calibration.mistakes.rotation_fit import COUNT, Channel, form, least, left, sums
+from symcal.calibration.mistakes.rotation_fit import COUNT, SIZE, Channel, form, least, left, sums
 from symcal.data.dataset import Dataset
 from symcal.model.measurement import Part
 from symcal.model.model import Model
@@ -165,8 +165,8 @@ class Sight:
 
     def enough(self, z: Array, rows: Mask) -> bool:
         """Whether there are more readings than the frames take."""
-        still = np.broadcast_to(np.eye(4), (len(z), 4, 4))
-        return self.spare([(of.sum(axis=0), located) for of, located in self.sums(still, z, rows)]) >= _SPARE
+        counts = [(np.where(np.arange(SIZE) == COUNT, c.seen.sum(), 0.0), c.located) for c in self.channels(z, rows)]
+        return self.spare(counts) >= _SPARE
 
     def spread(self, found: Sequence[tuple[Array, bool]]) -> Array:
         """Rms distance of what was read from its middle, over points, or axes where no points are read; shape (H,)."""

@@ -49,7 +49,7 @@ class Pool:
         """tr(slope I_k) for each pose, shape (K,)."""
         k, m, n = self.rows.shape
         flat = self.rows.reshape(k * m, n)
-        return np.asarray(np.einsum("ij,ij->i", flat @ slope, flat).reshape(k, m).sum(axis=1))
+        return np.asarray(np.einsum("kij,kij->k", (flat @ slope).reshape(k, m, n), self.rows))
 
     def information(self, index: Indices) -> Array:
         """I_k for each index, shape (len, n, n)."""
@@ -104,14 +104,18 @@ def exchange(
     if progress:
         progress(np.array(chosen, dtype=np.intp), score)
     for _ in range(ROUNDS):
-        before = score
+        before, promise = score, None
         for place in range(count):
             old = chosen[place]
+            if promise is None:
+                promise = _promise(pool, criterion, total, crowd.open)
+            if promise.spread(old) <= 0.5 * _GAIN and crowd.loose:
+                continue
             rest = total - pool.information(np.array([old]))[0]
             crowd.remove(old)
             best, reached = _best(pool, criterion, rest, crowd.open, beat=score + _GAIN)
             if best >= 0:
-                chosen[place], score = best, reached
+                chosen[place], score, promise = best, reached, None
                 total = rest + pool.information(np.array([best]))[0]
             crowd.add(chosen[place])
         # sums of many swaps drift: start each round from the exact one
@@ -144,6 +148,27 @@ def _best(pool: Pool, criterion: Criterion, total: Array, open_: Mask, beat: flo
     return best, reached
 
 
+@dataclass(frozen=True, slots=True)
+class _Promise:
+    """What an exchange can gain at most at the present total: for a concave score no more than tr(slope (I_new -
+    I_old)).
+
+    gains: of every pose. best: of the open ones. Both infinite where the score is not concave.
+    """
+
+    gains: Array
+    best: float
+
+    def spread(self, old: int) -> float:
+        return float(self.best - self.gains[old])
+
+
+def _promise(pool: Pool, criterion: Criterion, total: Array, open_: Mask) -> _Promise:
+    gains = pool.gains(criterion.slope(total)) if criterion.concave else np.zeros(len(pool))
+    best = float(np.max(gains, initial=-np.inf, where=open_)) if criterion.concave else np.inf
+    return _Promise(gains, best if np.isfinite(gains).all() else np.inf)
+
+
 def _largest(values: Array, count: int) -> Indices:
     """Indices of the largest values, descending; ties by index, so that nothing depends on the machine."""
     few = np.argpartition(values, -count)[-count:] if len(values) > count else np.arange(len(values))
@@ -161,6 +186,11 @@ class _Crowd:
         if distance > 0 and keep_off is not None:
             for pose in keep_off:
                 self._near += self._close(pose)
+
+    @property
+    def loose(self) -> bool:
+        """Whether a pose that is taken away opens no other than itself."""
+        return self._distance == 0
 
     @property
     def open(self) -> Mask:

@@ -27,6 +27,7 @@ ROUNDS = 20
 
 _BLOCK = 32  # candidates evaluated exactly at a time
 _BLOCKS = 4  # no more than so many blocks: beyond, a candidate has hardly ever won
+_CHUNK = 4096  # poses at once: bounds the memory
 _GAIN = 1e-9  # an exchange must raise the score by this
 _RIDGE = 1e-7  # of the pool's mean information, added so that the first poses have a finite score
 
@@ -36,25 +37,36 @@ class Pool:
     """Poses to choose from.
 
     poses: shape (K, dof). rows: F at each, shape (K, m, n). unit: the poses in units of the working area, (K, dof).
+    packed: the upper triangle of I = F^T F at each, shape (K, n (n + 1) / 2).
     """
 
     poses: Array
     rows: Array
     unit: Array
+    packed: Array
 
     def __len__(self) -> int:
         return len(self.poses)
 
     def gains(self, slope: Array) -> Array:
         """tr(slope I_k) for each pose, shape (K,)."""
-        k, m, n = self.rows.shape
-        flat = self.rows.reshape(k * m, n)
-        return np.asarray(np.einsum("kij,kij->k", (flat @ slope).reshape(k, m, n), self.rows))
+        n = len(slope)
+        upper = np.triu_indices(n)
+        return np.asarray(self.packed @ np.where(upper[0] == upper[1], slope[upper], 2.0 * slope[upper]))
 
     def information(self, index: Indices) -> Array:
         """I_k for each index, shape (len, n, n)."""
         rows = self.rows[index]
         return np.asarray(rows.swapaxes(-1, -2) @ rows)
+
+
+def pool_of(poses: Array, rows: Array, unit: Array) -> Pool:
+    """A `Pool`; see there."""
+    n = rows.shape[-1]
+    upper = np.triu_indices(n)
+    blocks = [rows[i : i + _CHUNK] for i in range(0, len(rows), _CHUNK)]
+    packed = [(block.swapaxes(-1, -2) @ block)[:, upper[0], upper[1]] for block in blocks]
+    return Pool(poses, rows, unit, np.concatenate(packed) if packed else np.zeros((0, len(upper[0]))))
 
 
 def exchange(

@@ -211,8 +211,10 @@ def _two_opt(path: Index, cost: Array) -> Index | None:
     # reverses p[i..j], 1 <= i < j: the start stays
     change = c[:-2, 1:-1] + c[1:-1, 2:] - step[:-1, None] - step[None, 1:]
     change = np.where(np.tri(len(change), k=0, dtype=np.bool_), 0.0, change)
-    i, j = np.unravel_index(int(np.argmin(change)), change.shape) if change.size else (0, 0)
-    if not change.size or change[i, j] >= -_LITTLE * (1.0 + cost.max()):
+    if not change.size:
+        return None
+    i, j = np.unravel_index(int(np.argmin(change)), change.shape)
+    if change[i, j] >= -_LITTLE * (1.0 + cost.max()):
         return None
     better = path.copy()
     better[i + 1 : j + 2] = path[i + 1 : j + 2][::-1]

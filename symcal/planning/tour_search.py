@@ -213,7 +213,7 @@ def _two_opt(path: Index, cost: Array) -> Index | None:
     change = np.where(np.tri(len(change), k=0, dtype=np.bool_), 0.0, change)
     if not change.size:
         return None
-    i, j = np.unravel_index(int(np.argmin(change)), change.shape)
+    i, j = divmod(int(np.argmin(change)), change.shape[1])
     if change[i, j] >= -_LITTLE * (1.0 + cost.max()):
         return None
     better = path.copy()
@@ -237,9 +237,9 @@ def _or_opt(path: Index, cost: Array) -> Index | None:
         for head, tail, turn in ((first, last, 1), (last, first, -1)):
             change = c[gaps, head[:, None]] + c[tail[:, None], gaps + 1] - step[gaps] - freed[:, None]
             change = np.where(inside, np.inf, change)
-            piece, gap = np.unravel_index(int(np.argmin(change)), change.shape)
+            piece, gap = divmod(int(np.argmin(change)), n)
             if change[piece, gap] < best:
-                best, found = float(change[piece, gap]), (int(first[piece]), int(last[piece]), int(gap), turn)
+                best, found = float(change[piece, gap]), (int(first[piece]), int(last[piece]), gap, turn)
     if found is None:
         return None
     i, k, gap, turn = found

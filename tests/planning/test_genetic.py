@@ -83,6 +83,47 @@ def test_finds_the_bottom_of_a_bowl(coding):
     assert result.fitness < 0.02 * expected
 
 
+@pytest.mark.parametrize("coding", CODINGS)
+def test_better_than_as_many_random_plans(coding):
+    result = run(coding)
+    random = LOWER + (UPPER - LOWER) * np.random.default_rng(7).random((result.evaluations, 4, 3))
+    assert result.fitness < 0.5 * bowl(random).min()
+
+
+@pytest.mark.parametrize("bits", [1, 5, 8, 12, 52])
+def test_bits_of_children_come_from_their_parents_half_from_each(bits):
+    from symcal.planning.columns_ga import BitCrossover
+
+    rng = np.random.default_rng(0)
+    kind = np.min_scalar_type(2**bits - 1)
+    parents = rng.integers(0, 2**bits - 1, size=(2, 300, 40), dtype=kind, endpoint=True)
+    children = BitCrossover(bits)._do(None, parents, random_state=rng)
+    assert children.dtype == kind
+    assert children.max() <= 2**bits - 1
+    # bit by bit the two children hold what the two parents held
+    assert np.array_equal(children[0] ^ children[1], parents[0] ^ parents[1])
+    assert np.array_equal(children[0] & children[1], parents[0] & parents[1])
+    different = np.bitwise_count(parents[0] ^ parents[1]).sum()
+    exchanged = np.bitwise_count(children[0] ^ parents[0]).sum()
+    assert abs(exchanged - different / 2) < 5 * np.sqrt(different) / 2
+
+
+@pytest.mark.parametrize("bits", [1, 5, 8, 12, 52])
+def test_one_bit_of_a_plan_flips_on_average_and_every_place_is_as_likely(bits):
+    from symcal.planning.columns_ga import BitFlips
+
+    rng = np.random.default_rng(0)
+    plans, genes = 4000, 6
+    before = np.zeros((plans, genes), dtype=np.min_scalar_type(2**bits - 1))
+    flipped = BitFlips(bits)._do(None, before, random_state=rng)
+    assert flipped.dtype == before.dtype
+    assert flipped.max() <= 2**bits - 1
+    share = min(0.5, 1.0 / (bits * genes))
+    for bit in range(bits):
+        count = int(((flipped >> flipped.dtype.type(bit)) & flipped.dtype.type(1)).sum())
+        assert abs(count - plans * genes * share) < 6 * np.sqrt(plans * genes * share)
+
+
 def test_starts_from_given_plans():
     best = np.broadcast_to(LOWER + (UPPER - LOWER) / 3, (1, 4, 3))
     result = run("real", generations=0, start=best)

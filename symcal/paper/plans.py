@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +14,12 @@ from symcal.config.study import StudyConfig, WeightsConfig
 from symcal.paper.readings import evolve, main_fitness
 from symcal.paper.results import PLAN_NAMES, RandomPlanErrors, Setting, StudyPlan
 from symcal.paper.setting import positions
+from symcal.paper.side_by_side import Goon, side_by_side
 from symcal.planning.certificate import Certificate, certify
 from symcal.planning.constraints import feasible
 from symcal.planning.criteria import criterion
 from symcal.planning.drive_plan import Planned, find_plan
-from symcal.planning.fitness import Reading, Weights, sound_fitness
+from symcal.planning.fitness import PlanFunction, Reading, Weights, sound_fitness
 from symcal.planning.ordering import shortest_tour, tour_of
 from symcal.planning.path import plan_path
 from symcal.planning.plan_problem import PlanProblem
@@ -67,20 +69,28 @@ def study_plans(
         random: plans that all predictions are compared with; the plan `random` is not among them.
     """
     for_paper, for_sound, for_random, for_certificates = rng.spawn(4)
-    search = study.search
     made: dict[str, tuple[Array, Array | None, float]] = {}
     paper = main_fitness(setting, weights_of(study.weights), reading_of(study))
     sound = sound_fitness(setting.info, criterion("D"), view=setting.view, weights=weights_of(study.sound_weights))
-    for name, fitness, own in (("paper_ga", paper, for_paper), ("ga", sound, for_sound)):
-        progress(f"planning: {TITLES[name]}")
-        began = time.perf_counter()
-        poses, history = evolve(setting, fitness, search, search.generations, own)
-        made[name] = poses, history, time.perf_counter() - began
+    names = ("paper_ga", "ga")
+    progress("planning: " + " and ".join(TITLES[name] for name in names))
+    jobs = zip((paper, sound), (for_paper, for_sound), strict=True)
+    searched = side_by_side([partial(_evolved, setting, fitness, study, own) for fitness, own in jobs])
+    made |= dict(zip(names, searched, strict=True))
     made["certified"] = certified[0].plan.poses, None, certified[1]
     made["random"] = setting.info.area.sample(for_random, setting.count), None, 0.0
     proof = certified[0].plan.certificate
     progress("ordering the plans")
     return {name: _study_plan(setting, name, *made[name], random, proof, for_certificates) for name in PLAN_NAMES}
+
+
+def _evolved(
+    setting: Setting, fitness: PlanFunction, study: StudyConfig, rng: np.random.Generator, goon: Goon
+) -> tuple[Array, Array, float]:
+    """The plan, its history, and the seconds that it took on its thread: another search runs beside it."""
+    began = time.thread_time()
+    poses, history = evolve(setting, fitness, study.search, study.search.generations, rng, goon)
+    return poses, history, time.thread_time() - began
 
 
 def weights_of(config: WeightsConfig) -> Weights:

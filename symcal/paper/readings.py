@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from symcal.config.study import SearchConfig
 from symcal.paper.results import RandomPlanErrors, ReadingResult, Setting, StudyPlan
+from symcal.paper.side_by_side import Goon, side_by_side
 from symcal.planning.certificate import Certificate
 from symcal.planning.criteria import criterion
 from symcal.planning.fitness import PlanFunction, Reading, Weights, paper_fitness, sound_fitness
@@ -89,15 +91,18 @@ def readings(
         plans: those of the study; `paper_ga` is the main reading's. proof: a certificate of the same feasible set, for
             the bound of the D-efficiency.
     """
+    ways = _ways(main)
+    fitnesses = [_fitness(setting, weights, way) for way in ways]
+    known = plans["paper_ga"].poses, plans["paper_ga"].history
+
+    def searched(k: int, own: np.random.Generator, goon: Goon) -> tuple[Array, Array]:
+        if ways[k].key == "main" and known[1] is not None:
+            return known[0], known[1]
+        return evolve(setting, fitnesses[k], search, search.side_generations, own, goon)
+
+    results = side_by_side([partial(searched, k, own) for k, own in enumerate(rng.spawn(len(ways)))])
     found = []
-    for way, own in zip(_ways(main), rng.spawn(len(_ways(main))), strict=True):
-        fitness = _fitness(setting, weights, way)
-        is_main = way.key == "main"
-        history = plans["paper_ga"].history
-        if is_main and history is not None:
-            poses = plans["paper_ga"].poses
-        else:
-            poses, history = evolve(setting, fitness, search, search.side_generations, own)
+    for way, fitness, (poses, history) in zip(ways, fitnesses, results, strict=True):
         total = setting.info.total(poses)
         matrix = total / len(poses)
         expected = setting.accuracy.mean_rms(setting.info.posterior(poses))
@@ -107,7 +112,7 @@ def readings(
                 key=way.key,
                 text=way.text,
                 reading=way.reading,
-                main=is_main,
+                main=way.key == "main",
                 poses=poses,
                 history=history,
                 expected_rms_mm=expected,
@@ -121,7 +126,12 @@ def readings(
 
 
 def evolve(
-    setting: Setting, fitness: PlanFunction, search: SearchConfig, generations: int, rng: np.random.Generator
+    setting: Setting,
+    fitness: PlanFunction,
+    search: SearchConfig,
+    generations: int,
+    rng: np.random.Generator,
+    goon: Goon = lambda: None,
 ) -> tuple[Array, Array]:
     """The genetic algorithm with a fitness: the best plan, shape (N, dof), and its history."""
     info = setting.info
@@ -129,7 +139,7 @@ def evolve(
     result = genetic_plan(
         task,
         rng,
-        lambda _: None,
+        lambda _: goon(),
         fitness=fitness,
         coding=search.coding,
         bits=search.bits,

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
-from threadpoolctl import ThreadpoolController
 
+from symcal.calibration.calibrate import one_thread
 from symcal.config.conversion import ExperimentFile
 from symcal.documents.document import Document
 from symcal.errors import InputError
@@ -25,8 +25,6 @@ from symcal.paper.simulation_2 import published_errors, simulation_2
 from symcal.planning.drive_plan import plan_generator
 
 Progress = Callable[[str], None]
-
-_BLAS = ThreadpoolController()
 
 
 def run_study(
@@ -45,7 +43,7 @@ def run_study(
     """
     if file.study is None:
         raise InputError("this experiment has no section 'study'", file=document.path, key="study")
-    with _BLAS.limit(limits=1):  # small matrices: a second thread only costs
+    with one_thread():
         return _run(file, document, model, options, seed, progress)
 
 

@@ -27,6 +27,7 @@ ROUNDS = 20
 
 _BLOCK = 32  # candidates evaluated exactly at a time
 _BLOCKS = 4  # no more than so many blocks: beyond, a candidate has hardly ever won
+_CHUNK = 4096  # poses at once: bounds the memory
 _GAIN = 1e-9  # an exchange must raise the score by this
 _RIDGE = 1e-7  # of the pool's mean information, added so that the first poses have a finite score
 
@@ -36,25 +37,36 @@ class Pool:
     """Poses to choose from.
 
     poses: shape (K, dof). rows: F at each, shape (K, m, n). unit: the poses in units of the working area, (K, dof).
+    packed: the upper triangle of I = F^T F at each, shape (K, n (n + 1) / 2).
     """
 
     poses: Array
     rows: Array
     unit: Array
+    packed: Array
 
     def __len__(self) -> int:
         return len(self.poses)
 
     def gains(self, slope: Array) -> Array:
         """tr(slope I_k) for each pose, shape (K,)."""
-        k, m, n = self.rows.shape
-        flat = self.rows.reshape(k * m, n)
-        return np.asarray(np.einsum("ij,ij->i", flat @ slope, flat).reshape(k, m).sum(axis=1))
+        n = len(slope)
+        upper = np.triu_indices(n)
+        return np.asarray(self.packed @ np.where(upper[0] == upper[1], slope[upper], 2.0 * slope[upper]))
 
     def information(self, index: Indices) -> Array:
         """I_k for each index, shape (len, n, n)."""
         rows = self.rows[index]
         return np.asarray(rows.swapaxes(-1, -2) @ rows)
+
+
+def pool_of(poses: Array, rows: Array, unit: Array) -> Pool:
+    """A `Pool`; see there."""
+    n = rows.shape[-1]
+    upper = np.triu_indices(n)
+    blocks = [rows[i : i + _CHUNK] for i in range(0, len(rows), _CHUNK)]
+    packed = [(block.swapaxes(-1, -2) @ block)[:, upper[0], upper[1]] for block in blocks]
+    return Pool(poses, rows, unit, np.concatenate(packed) if packed else np.zeros((0, len(upper[0]))))
 
 
 def exchange(
@@ -104,14 +116,18 @@ def exchange(
     if progress:
         progress(np.array(chosen, dtype=np.intp), score)
     for _ in range(ROUNDS):
-        before = score
+        before, promise = score, None
         for place in range(count):
             old = chosen[place]
+            if promise is None:
+                promise = _promise(pool, criterion, total, crowd.open)
+            if promise.spread(old) <= 0.5 * _GAIN and crowd.loose:
+                continue
             rest = total - pool.information(np.array([old]))[0]
             crowd.remove(old)
             best, reached = _best(pool, criterion, rest, crowd.open, beat=score + _GAIN)
             if best >= 0:
-                chosen[place], score = best, reached
+                chosen[place], score, promise = best, reached, None
                 total = rest + pool.information(np.array([best]))[0]
             crowd.add(chosen[place])
         # sums of many swaps drift: start each round from the exact one
@@ -144,6 +160,27 @@ def _best(pool: Pool, criterion: Criterion, total: Array, open_: Mask, beat: flo
     return best, reached
 
 
+@dataclass(frozen=True, slots=True)
+class _Promise:
+    """What an exchange can gain at most at the present total: for a concave score no more than tr(slope (I_new -
+    I_old)).
+
+    gains: of every pose. best: of the open ones. Both infinite where the score is not concave.
+    """
+
+    gains: Array
+    best: float
+
+    def spread(self, old: int) -> float:
+        return float(self.best - self.gains[old])
+
+
+def _promise(pool: Pool, criterion: Criterion, total: Array, open_: Mask) -> _Promise:
+    gains = pool.gains(criterion.slope(total)) if criterion.concave else np.zeros(len(pool))
+    best = float(np.max(gains, initial=-np.inf, where=open_)) if criterion.concave else np.inf
+    return _Promise(gains, best if np.isfinite(gains).all() else np.inf)
+
+
 def _largest(values: Array, count: int) -> Indices:
     """Indices of the largest values, descending; ties by index, so that nothing depends on the machine."""
     few = np.argpartition(values, -count)[-count:] if len(values) > count else np.arange(len(values))
@@ -161,6 +198,11 @@ class _Crowd:
         if distance > 0 and keep_off is not None:
             for pose in keep_off:
                 self._near += self._close(pose)
+
+    @property
+    def loose(self) -> bool:
+        """Whether a pose that is taken away opens no other than itself."""
+        return self._distance == 0
 
     @property
     def open(self) -> Mask:

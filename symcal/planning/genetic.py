@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from symcal.errors import InputError
 
 Array = NDArray[np.float64]
-Bits = NDArray[np.bool_]
+Codes = NDArray[np.unsignedinteger[Any]]
 Coding = Literal["binary", "gray", "real"]
 PlanFunction = Callable[[Array], Array]
 """(P, N, dof) -> (P,): a number per plan."""
@@ -47,29 +47,33 @@ class GeneticResult:
     coding: Coding
 
 
-def decode(bits: Bits, lower: Array, upper: Array, *, gray: bool = False) -> Array:
-    """Joint values of bit strings: lower + (upper - lower) k / (2^b - 1), so that both limits are reached exactly.
+def decode(codes: Codes, lower: Array, upper: Array, bits: int, *, gray: bool = False) -> Array:
+    """Joint values of codes: lower + (upper - lower) k / (2^bits - 1), so that both limits are reached exactly.
 
     Args:
-        bits: shape (..., dof, b), most significant first. lower, upper: shape (dof,).
+        codes: whole numbers below 2^bits, shape (..., dof). lower, upper: shape (dof,).
         gray: the code in which neighbouring values differ in one bit.
     Returns:
         shape (..., dof), rad or mm.
     """
-    plain = np.logical_xor.accumulate(bits, axis=-1) if gray else bits
-    count = bits.shape[-1]
-    share = plain @ (2.0 ** np.arange(count - 1, -1, -1)) / (2.0**count - 1)
+    k = codes
+    if gray:  # k_i is the parity of the bits from i on
+        shift = 1
+        while shift < bits:
+            k = k ^ (k >> k.dtype.type(shift))
+            shift *= 2
+    share = k / (2.0**bits - 1)
     return np.asarray(np.where(share == 1.0, upper, lower + (upper - lower) * share))
 
 
-def encode(values: Array, lower: Array, upper: Array, count: int, *, gray: bool = False) -> Bits:
-    """The bit strings, shape (..., dof, count), whose values are nearest to the given ones, shape (..., dof)."""
+def encode(values: Array, lower: Array, upper: Array, bits: int, *, gray: bool = False) -> Codes:
+    """The codes, shape (..., dof), whose values are nearest to the given ones, in as few bytes as ``bits`` need."""
     width = np.where(upper > lower, upper - lower, 1.0)
-    k = np.rint((values - lower) / width * (2**count - 1)).astype(np.int64)
-    k = np.clip(k, 0, 2**count - 1)
+    k = np.rint((values - lower) / width * (2**bits - 1)).astype(np.int64)
+    k = np.clip(k, 0, 2**bits - 1)
     if gray:
         k = k ^ (k >> 1)
-    return np.asarray((k[..., None] >> np.arange(count - 1, -1, -1)) & 1, dtype=np.bool_)
+    return np.asarray(k.astype(np.min_scalar_type(2**bits - 1)))
 
 
 def genetic(
@@ -103,9 +107,7 @@ def genetic(
         InputError: limits that are not finite or not ordered, an unknown coding, or numbers that make no population.
     Source: [Ding2017] section IV and Fig. 4; pymoo [Blank2020] runs it.
     """
-    from pymoo.core.evaluator import Evaluator
-    from pymoo.core.problem import Problem
-    from pymoo.problems.static import StaticProblem
+    from symcal.planning.columns_ga import columns_ga  # pymoo takes a second to load
 
     lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
     _check(
@@ -117,41 +119,38 @@ def genetic(
     )
     dof = lower.size
     binary, gray = coding != "real", coding == "gray"
-    shape = (poses, dof, bits) if binary else (poses, dof)
 
-    def plans(x: Any) -> Array:
-        blocks = np.asarray(x).reshape(len(x), *shape)
-        return decode(blocks, lower, upper, gray=gray) if binary else np.asarray(blocks, dtype=np.float64)
+    def plans(genes: Any) -> Array:
+        blocks = genes.reshape(len(genes), poses, dof)
+        return decode(blocks, lower, upper, bits, gray=gray) if binary else np.asarray(blocks)
 
     first = lower + (upper - lower) * rng.random((population, poses, dof))
     if start is not None:
         first[: len(start)] = np.asarray(start, dtype=np.float64)[:population]
-    genes = encode(first, lower, upper, bits, gray=gray) if binary else first
-    problem = Problem(
-        n_var=int(np.prod(shape)),
-        n_obj=1,
-        n_ieq_constr=0 if violation is None else 1,
-        xl=None if binary else np.tile(lower, poses),
-        xu=None if binary else np.tile(upper, poses),
-        vtype=bool if binary else float,
+    genes: Any = encode(first, lower, upper, bits, gray=gray) if binary else first
+    algorithm = columns_ga(
+        genes.reshape(population, -1),
+        poses,
+        bits if binary else None,
+        mixing,
+        (lower, upper),
+        generations,
+        int(rng.integers(2**31)),
     )
-    algorithm = _algorithm(genes.reshape(population, -1), poses, binary, mixing)
-    algorithm.setup(problem, termination=("n_gen", generations + 2), seed=int(rng.integers(2**31)), verbose=False)
     history, violations = np.empty(generations + 1), np.zeros(generations + 1)
     for generation in range(generations + 1):
         children = algorithm.ask()
-        q = plans(children.get("X"))
-        values = {"F": _finite(fitness(q))[:, None]}
+        q = plans(children.genes)
+        children.fitness = _finite(fitness(q))
         if violation is not None:
-            values["G"] = _finite(violation(q))[:, None]
-        Evaluator().eval(StaticProblem(problem, **values), children)
+            children.violation = np.maximum(_finite(violation(q)), 0.0)
         algorithm.tell(infills=children)
-        best = algorithm.pop[0]  # survival sorts by violation, then fitness
-        history[generation], violations[generation] = best.F[0], max(best.CV[0], 0.0)
+        best = algorithm.pop[:1]  # survival sorts by violation, then fitness
+        history[generation], violations[generation] = best.fitness[0], best.violation[0]
         if callback is not None:
-            callback(generation, float(best.F[0]), plans(best.X[None])[0])
+            callback(generation, float(best.fitness[0]), plans(best.genes)[0])
     return GeneticResult(
-        poses=plans(algorithm.pop[0].X[None])[0],
+        poses=plans(algorithm.pop.genes[:1])[0],
         fitness=float(history[-1]),
         violation=float(violations[-1]),
         history=history,
@@ -181,44 +180,3 @@ def _check(lower: Array, upper: Array, coding: str, mixing: str, counts: dict[st
 def _finite(values: Array) -> Array:
     """A plan without a value (singular, nothing seen) is the worst there is, not an error."""
     return np.nan_to_num(np.asarray(values, dtype=np.float64), nan=1e300, posinf=1e300, neginf=-1e300)
-
-
-def _algorithm(genes: Any, poses: int, binary: bool, mixing: Mixing) -> Any:
-    from pymoo.algorithms.soo.nonconvex.ga import GA
-    from pymoo.config import Config
-    from pymoo.core.crossover import Crossover
-    from pymoo.operators.crossover.sbx import SBX
-    from pymoo.operators.crossover.ux import UniformCrossover
-    from pymoo.operators.mutation.bitflip import BitflipMutation
-    from pymoo.operators.mutation.pm import PM
-    from pymoo.operators.selection.tournament import TournamentSelection
-    from pymoo.util.misc import crossover_mask
-
-    class PoseCrossover(Crossover):  # type: ignore[misc]
-        """Exchange each pose of two plans with probability one half."""
-
-        def __init__(self) -> None:
-            super().__init__(2, 2)
-
-        def _do(self, _: Any, x: Any, random_state: Any = None, **__: Any) -> Any:
-            swap = random_state.random((x.shape[1], poses)) < 0.5
-            return crossover_mask(x, np.repeat(swap, x.shape[2] // poses, axis=1))
-
-    Config.warnings["not_compiled"] = False  # its notice goes to the terminal, which is not ours to write on
-    by_gene = UniformCrossover() if binary else SBX()
-    return GA(
-        pop_size=len(genes),
-        sampling=genes,
-        selection=TournamentSelection(func_comp=_fitter),
-        crossover=by_gene if mixing == "gene" else PoseCrossover(),
-        mutation=BitflipMutation() if binary else PM(),
-        eliminate_duplicates=False,  # costs more than everything else together
-    )
-
-
-def _fitter(pop: Any, pairs: NDArray[np.intp], **_: Any) -> NDArray[np.intp]:
-    """Winners of binary tournaments, shape (n, 1): the smaller violation, then the smaller fitness."""
-    fitness, violation = pop.get("F", "cv")
-    rank = np.empty(len(fitness), dtype=np.intp)
-    rank[np.lexsort([fitness[:, 0], violation])] = np.arange(len(fitness))
-    return np.asarray(pairs[np.arange(len(pairs)), np.argmin(rank[pairs], axis=1)][:, None], dtype=np.intp)

@@ -104,7 +104,7 @@ def _first_plans(
         if coding == "real":
             return poses
         gray = coding == "gray"
-        return decode(encode(poses, area.lower, area.upper, bits, gray=gray), area.lower, area.upper, gray=gray)
+        return decode(encode(poses, area.lower, area.upper, bits, gray=gray), area.lower, area.upper, bits, gray=gray)
 
     pool = coded(draw(area, rng, _POOL, mask))
     pool = pool[mask(pool)]

@@ -19,7 +19,7 @@ from symcal.errors import RefusedError
 from symcal.planning.area import Feasible, draw
 from symcal.planning.bias_criterion import ExtendedRows
 from symcal.planning.criteria import Criterion
-from symcal.planning.exchange import Pool, exchange
+from symcal.planning.exchange import Pool, exchange, pool_of
 from symcal.planning.information import PoseInformation
 from symcal.planning.optimal_design import ApproximateDesign
 from symcal.planning.refine import refine
@@ -85,7 +85,7 @@ class SearchTask:
         """Poses as a pool; those without finite information are left out."""
         rows = self.rows(poses)
         usable = np.isfinite(rows).all(axis=(1, 2))
-        return Pool(poses[usable], rows[usable], self.info.area.unit(poses[usable]))
+        return pool_of(poses[usable], rows[usable], self.info.area.unit(poses[usable]))
 
 
 def fewest_poses(info: PoseInformation) -> int:

@@ -2,9 +2,10 @@ r"""Approximate designs: how a measure over poses, instead of a whole number of 
 
     maximise log psi(M(w)),   M(w) = P/N + sum_k w_k I(q_k),   w >= 0,   sum w = 1
 
-Weights are found by the multiplicative algorithm ([Silvey1978]) and then by vertex exchange, which moves weight from
-the worst atom to the best and so drops atoms altogether ([Bohning1986]). Atoms are generated as they are needed: the
-poses that the equivalence theorem of [Kiefer1960] finds too good to be left out.
+With w = u^2 / |u|^2 the weights need no bounds, and L-BFGS finds them with exact gradients. (u_k = 0 is stationary, so
+an atom can only be left: those that ought to come back are lifted.) Atoms are generated as they are needed: the poses
+that the equivalence theorem of [Kiefer1960] finds too good to be left out, by climbing from the atoms themselves, which
+so come to where they belong, and from the best of a sample.
 """
 
 from __future__ import annotations
@@ -13,22 +14,24 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize
 
 from symcal.planning.criteria import Criterion
 from symcal.planning.information import PoseInformation
-from symcal.planning.worst_pose import FeasibleSet, largest
+from symcal.planning.worst_pose import FeasibleSet, largest, maxima
 
 Array = NDArray[np.float64]
 
-TOLERANCE = 2e-3
+TOLERANCE = 5e-4
 """Excess at which the search for a design stops: the slack of the bounds, relative."""
 
-_MULTIPLICATIVE = 60  # steps before vertex exchange takes over: they come near quickly and then crawl
-_EXCHANGES = 400
-_BISECTIONS = 12
-_CLOSE = 0.05  # of the best step of an exchange: the next exchange mends the rest
-_NEWCOMERS = 24  # atoms added at a time at most
-_NEGLIGIBLE = 1e-9  # weight of an atom that is dropped
+_ITERATIONS = 200  # of L-BFGS per set of atoms
+_LIFTS = 4  # times that atoms without weight are given some again
+_LIFTED = 0.02  # weight that they get together
+_NEWCOMERS = 100  # atoms added at a time at most
+_SHARE = 0.05  # weight of all new atoms together
+_CLIMBS = 150  # samples from which new atoms are looked for, beside the atoms
+_TAIL, _TAILS = 3e-3, 30.0  # weight of all the atoms together that are dropped as the lightest; and of the excess
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +57,7 @@ def optimal_design(
     rng: np.random.Generator,
     *,
     tolerance: float = TOLERANCE,
-    rounds: int = 25,
+    rounds: int = 40,
 ) -> ApproximateDesign:
     """The best measure on a feasible set, for a concave and smooth criterion.
 
@@ -67,14 +70,17 @@ def optimal_design(
     weights = np.full(len(atoms), 1.0 / len(atoms))
     excess = 1.0
     for turn in range(rounds):
-        matrices = info.matrices(atoms)
         # no need to weigh more finely than the atoms deserve
-        weights = optimal_weights(criterion, matrices, ground, weights, max(tolerance / 4, excess / 10))
-        kept = weights > _NEGLIGIBLE
-        atoms, weights, matrices = atoms[kept], weights[kept] / weights[kept].sum(), matrices[kept]
+        fine = max(tolerance / 4, excess / 10)
+        matrices = info.matrices(atoms)
+        weights = optimal_weights(criterion, matrices, ground, weights, fine)
+        order = np.argsort(weights, kind="stable")
+        kept = np.sort(order[np.cumsum(weights[order]) > min(_TAIL, excess / _TAILS)])
+        atoms, matrices = atoms[kept], matrices[kept]
+        weights = optimal_weights(criterion, matrices, ground, weights[kept], fine)
         matrix = np.asarray(ground + np.einsum("k,kij->ij", weights, matrices))
         slope = criterion.slope(matrix)
-        values, poses = largest(info.function, slope, where, rng)
+        values, poses = maxima(info.function, slope, where, rng, atoms, _CLIMBS)
         excess = float(values[0] + np.sum(slope * ground) - 1.0)
         if excess < tolerance or turn == rounds - 1:
             values, poses = largest(info.function, slope, where, rng, thorough=True)
@@ -84,8 +90,7 @@ def optimal_design(
         threshold = 1.0 - np.sum(slope * ground) + excess / 10
         fresh = poses[values > threshold][:_NEWCOMERS]
         atoms = np.concatenate([atoms, fresh])
-        # a little weight for each newcomer, so that the multiplicative steps can find it
-        weights = np.concatenate([0.9 * weights, np.full(len(fresh), 0.1 / len(fresh))])
+        weights = np.concatenate([(1 - _SHARE) * weights, np.full(len(fresh), _SHARE / len(fresh))])
     return ApproximateDesign(atoms, weights, matrix, excess)
 
 
@@ -97,47 +102,40 @@ def optimal_weights(criterion: Criterion, matrices: Array, ground: Array, weight
         tolerance: of max_k tr(slope I_k) + tr(slope P/N) - 1 over the atoms.
     """
     count, n = len(matrices), len(ground)
-    flat = matrices.reshape(count, n * n)
+    upper = np.triu_indices(n)
+    twice = np.where(upper[0] == upper[1], 1.0, 2.0)
+    flat = np.ascontiguousarray(matrices[:, upper[0], upper[1]])
 
     def total(w: Array) -> Array:
-        return np.asarray(ground + (w @ flat).reshape(n, n))
+        matrix = np.zeros((n, n))
+        matrix[upper] = w @ flat
+        return np.asarray(ground + matrix + np.triu(matrix, 1).T)
 
-    def gains(slope: Array) -> Array:
-        return np.asarray(flat @ slope.ravel() + np.sum(slope * ground))
+    def loss(u: Array) -> tuple[float, Array]:
+        size = float(u @ u)
+        w = u * u / size
+        matrix = total(w)
+        value = float(criterion.score(matrix))
+        if not np.isfinite(value):
+            return 1e30, np.zeros(count)
+        gain = flat @ (twice * criterion.slope(matrix)[upper])
+        return -value, np.asarray(-2.0 * u / size * (gain - w @ gain))
 
     w = weights / weights.sum()
-    for _ in range(_MULTIPLICATIVE):
-        gain = gains(criterion.slope(total(w)))
+    for _ in range(_LIFTS):
+        found = minimize(
+            loss,
+            np.sqrt(w),
+            jac=True,
+            method="L-BFGS-B",
+            options={"maxiter": _ITERATIONS, "maxcor": 20, "ftol": 1e-3 * tolerance / n, "gtol": 0.0},
+        )
+        u = np.asarray(found.x)
+        w = u * u / (u @ u)
+        slope = criterion.slope(total(w))
+        gain = flat @ (twice * slope[upper]) + np.sum(slope * ground)
         if gain.max() < 1.0 + tolerance:
-            return np.asarray(w)
-        w = w * np.maximum(gain, 0.0) ** criterion.power
-        w = w / w.sum()
-    for _ in range(_EXCHANGES):
-        matrix = total(w)
-        gain = gains(criterion.slope(matrix))
-        up = int(np.argmax(gain))
-        if gain[up] < 1.0 + tolerance:
             break
-        down = int(np.argmin(np.where(w > 0, gain, np.inf)))
-        step = _step(criterion, matrix, (flat[up] - flat[down]).reshape(n, n), float(w[down]))
-        w[up] += step
-        w[down] = max(w[down] - step, 0.0)
+        wanted = gain > 1.0 + tolerance / 2
+        w = (1 - _LIFTED) * w + _LIFTED * wanted / wanted.sum()
     return np.asarray(w)
-
-
-def _step(criterion: Criterion, matrix: Array, direction: Array, longest: float) -> float:
-    """The best step along a direction of a concave score, in [0, longest], by bisection of its derivative."""
-
-    def rate(t: float) -> float:
-        return float(np.sum(criterion.slope(matrix + t * direction) * direction))
-
-    # at the far end the matrix may be singular: come near to it only
-    low, high = 0.0, longest
-    if np.isfinite(criterion.score(matrix + longest * direction)) and rate(longest) >= 0:
-        return longest
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if rate(middle) > 0 else (low, middle)
-        if high - low < _CLOSE * high:
-            break
-    return low

@@ -33,6 +33,7 @@ _STEPS = 60  # Newton converges in 4 to 8; more only where a joint creeps along 
 _LONGEST_STEP = 0.2  # of a joint's travel, per Newton step
 _FIRST = 16  # pieces of a line that are tried first
 _MOST = 4096
+_TOGETHER = 8192  # pieces of lines that are solved at once
 _SAMPLES = 100  # of a joint motion over a joint's whole travel, for checking it
 
 
@@ -101,8 +102,8 @@ def plan_path(
     names = ["the start", *(f"pose {i + 1}" for i in order)]
     segments, conflicts = [], []
     allowed = feasible(constraints)
-    for (a, b), (source, goal) in zip(itertools.pairwise(nodes), itertools.pairwise(names), strict=True):
-        line = follow_line(arm, a, b, limits, straightness)
+    lines = follow_lines(arm, nodes[:-1], nodes[1:], limits, straightness)
+    for line, (a, b), (source, goal) in zip(lines, itertools.pairwise(nodes), itertools.pairwise(names), strict=True):
         why = line if isinstance(line, str) else ""
         if not isinstance(line, str) and constraints and not allowed(line).all():
             why = "the line breaks " + _broken(constraints, line)
@@ -138,22 +139,37 @@ def follow_line(
 ) -> Array | str:
     """Waypoints, shape (K, dof), on which the tool moves straight from pose a to pose b; or why the arm cannot do
     that."""
-    ends = arm.motion(np.stack([a, b]))[0]
-    pieces, before = _FIRST, np.inf
-    while pieces <= _MOST:
-        share = np.linspace(0.0, 1.0, pieces + 1)[:, None]
-        goals = ends[0] + share * (ends[1] - ends[0])
-        q, residual = _solve(arm, a + share * (b - a), goals, limits)
-        if residual.max() > _RESIDUAL:
-            return "the line leaves what the arm can reach within its limits"
-        middle = arm.motion(0.5 * (q[:-1] + q[1:]))[0]
-        deviation = _off_line(middle, ends).max()
-        if deviation <= straightness:
-            return q
-        if deviation > 0.6 * before:  # falls by four with every halving of the steps, unless the solution jumps
-            return "the arm would have to change its configuration on the line"
-        pieces, before = 2 * pieces, deviation
-    return "the line comes too near to a singular configuration"
+    return follow_lines(arm, a[None], b[None], limits, straightness)[0]
+
+
+def follow_lines(
+    arm: Skeleton, a: Array, b: Array, limits: tuple[Array, Array], straightness: float = STRAIGHTNESS
+) -> list[Array | str]:
+    """`follow_line` for many pairs of poses, shape (S, dof) each: all lines of the same number of pieces at once."""
+    found: list[Array | str] = ["the line comes too near to a singular configuration"] * len(a)
+    ends = np.stack([arm.motion(a)[0], arm.motion(b)[0]], axis=1)
+    open_, pieces, before = np.arange(len(a)), _FIRST, np.full(len(a), np.inf)
+    while pieces <= _MOST and len(open_):
+        rest = []
+        for some in np.array_split(open_, -(-len(open_) * pieces // _TOGETHER)):
+            share = np.linspace(0.0, 1.0, pieces + 1)[:, None]
+            goals = ends[some, :1] + share * (ends[some, 1:] - ends[some, :1])
+            q, residual = _solve(arm, a[some, None] + share * (b - a)[some, None], goals, limits)
+            middle = _motion(arm, 0.5 * (q[:, :-1] + q[:, 1:]))[0]
+            for line, i in enumerate(some):
+                deviation = float(_off_line(middle[line], ends[i]).max())
+                if residual[line].max() > _RESIDUAL:
+                    found[i] = "the line leaves what the arm can reach within its limits"
+                elif deviation <= straightness:
+                    found[i] = q[line]
+                elif deviation > 0.6 * before[i]:
+                    # falls by four with every halving of the steps, unless the solution jumps
+                    found[i] = "the arm would have to change its configuration on the line"
+                else:
+                    before[i] = deviation
+                    rest.append(i)
+        open_, pieces = np.array(rest, dtype=np.intp), 2 * pieces
+    return found
 
 
 def _off_line(points: Array, ends: Array) -> Array:
@@ -164,6 +180,12 @@ def _off_line(points: Array, ends: Array) -> Array:
     return np.asarray(np.linalg.norm(points - ends[0] - share[:, None] * along, axis=1))
 
 
+def _motion(arm: Skeleton, q: Array) -> tuple[Array, Array]:
+    """`Skeleton.motion` of lines, (S, K, dof)."""
+    position, jacobian = arm.motion(q.reshape(-1, q.shape[-1]))
+    return position.reshape(*q.shape[:2], 3), jacobian.reshape(*q.shape[:2], 3, -1)
+
+
 def _travel(limits: tuple[Array, Array]) -> Array:
     """Travel of every joint; a turn for one without limits."""
     span = limits[1] - limits[0]
@@ -171,21 +193,23 @@ def _travel(limits: tuple[Array, Array]) -> Array:
 
 
 def _solve(arm: Skeleton, reference: Array, goals: Array, limits: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Joint readings near a reference that put the tool at goals (K, 3), and how far it still is from them, (K,),
-    mm."""
+    """Joint readings of lines, (S, K, dof), near a reference that put the tool at goals (S, K, 3), and how far it still
+    is from them, (S, K), mm; a line is left as it is once all of it is there."""
     travel = _travel(limits)
     q = np.clip(reference, *limits)
-    position, jacobian = arm.motion(q)
+    position, jacobian = _motion(arm, q)
     for _ in range(_STEPS):
         miss = goals - position
-        distance = np.linalg.norm(miss, axis=1)
-        if distance.max() <= 1e-2 * _RESIDUAL:
+        on = np.flatnonzero(np.linalg.norm(miss, axis=2).max(axis=1) > 1e-2 * _RESIDUAL)
+        if not len(on):
             break
-        step = _limited_step(q, jacobian, miss, travel, limits)
+        shape = (len(on), *q.shape[1:])
+        here, slopes, missed = (part[on].reshape(-1, *part.shape[2:]) for part in (q, jacobian, miss))
+        step = _limited_step(here, slopes, missed, travel, limits)
         step /= np.maximum(np.max(np.abs(step) / travel, axis=1, keepdims=True) / _LONGEST_STEP, 1.0)
-        q = np.clip(q + step, *limits)
-        position, jacobian = arm.motion(q)
-    return q, np.linalg.norm(goals - position, axis=1)
+        q[on] = np.clip(here + step, *limits).reshape(shape)
+        position[on], jacobian[on] = _motion(arm, q[on])
+    return q, np.linalg.norm(goals - position, axis=2)
 
 
 def _limited_step(q: Array, jacobian: Array, miss: Array, travel: Array, limits: tuple[Array, Array]) -> Array:

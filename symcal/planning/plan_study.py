@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.calibration.calibrate import one_thread
 from symcal.config.conversion import ExperimentFile
 from symcal.config.plan import PlanConfig
 from symcal.documents.document import Document
@@ -60,6 +61,7 @@ class PlanStudy:
     instruments: tuple[InstrumentSet, ...] = ()
 
 
+@one_thread()
 def find(
     file: ExperimentFile, document: Document, model: Model, seed: int, progress: Progress = lambda _: None
 ) -> PlanStudy:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.calibration.calibrate import one_thread
 from symcal.errors import InputError, RefusedError
 from symcal.planning.accuracy_forecast.prediction import Prediction, RandomPlans, predict, random_plans
 from symcal.planning.area import Feasible
@@ -56,6 +57,7 @@ class Plan:
         return len(self.poses)
 
 
+@one_thread()
 def select_poses(
     info: PoseInformation,
     count: int,

@@ -33,6 +33,7 @@ def joint_motion(found: PlanStudy) -> Illustration:
     robot, planned, area = found.problem.robot, found.planned, found.problem.area
     poses, must = planned.plan.poses, planned.required
     numbers = np.arange(1, len(poses) + 1)
+    ways = [_ways(found, straight) for straight in (True, False)]
     with print_settings():
         figure = sheet(WIDE, 12 + _PANEL * robot.dof)
         rows = figure.subplots(robot.dof, 1, sharex=True, squeeze=False)[:, 0]
@@ -40,13 +41,10 @@ def joint_motion(found: PlanStudy) -> Illustration:
             factor = 180 / np.pi if joint.revolute else 1.0
             for limit in (area.lower[j], area.upper[j]):
                 axes.axhline(limit * factor, color=FAINT, linewidth=0.7, linestyle=(0, (4, 2)))
-            for i, segment in enumerate(planned.motion.segments):
-                span = segment.times[-1] or 1.0
-                x = i + segment.times / span
-                straight = segment.kind == "line"
+            for x, readings, straight in ways:
                 axes.plot(
                     x,
-                    segment.waypoints[:, j] * factor,
+                    readings[:, j] * factor,
                     color=BLUE if straight else ORANGE,
                     linewidth=0.7,
                     linestyle="-" if straight else (0, (3, 1.5)),
@@ -74,6 +72,18 @@ def joint_motion(found: PlanStudy) -> Illustration:
         rows[-1].set_xlabel("pose, in driving order (0: the start)")
         figure.align_ylabels()
     return Illustration(settle(figure), "joint_motion", "Joint motion", _caption(found))
+
+
+def _ways(found: PlanStudy, straight: bool) -> tuple[Array, Array, bool]:
+    """All ways of one kind as one line with gaps (NaN), which draws like one line each and takes a fraction of the
+    time: the number of the pose, shape (K,), and the readings, shape (K, dof)."""
+    x, readings = [np.zeros(0)], [np.zeros((0, found.problem.robot.dof))]
+    for i, segment in enumerate(found.planned.motion.segments):
+        if (segment.kind == "line") == straight:
+            span = segment.times[-1] or 1.0
+            x += [i + segment.times / span, np.full(1, np.nan)]
+            readings += [segment.waypoints, np.full((1, segment.waypoints.shape[1]), np.nan)]
+    return np.concatenate(x), np.concatenate(readings), straight
 
 
 def _caption(found: PlanStudy) -> str:

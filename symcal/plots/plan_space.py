@@ -140,15 +140,22 @@ def _apart(points: Array, count: int) -> NDArray[np.intp]:
 
 
 def _way(axes: Any, found: PlanStudy, *, faint: bool) -> None:
-    for segment in found.planned.motion.segments:
-        shown = segment.waypoints[np.linspace(0, len(segment.waypoints) - 1, _WAY).astype(int)]
-        path = found.problem.arm.motion(shown)[0]
-        style: dict[str, Any] = {"color": BLUE, "linewidth": 0.6, "alpha": 0.9}
-        if segment.kind == "joint":
-            style = {"color": ORANGE, "linewidth": 0.6, "linestyle": (0, (3, 1.5)), "alpha": 0.9}
+    styles: dict[str, dict[str, Any]] = {
+        "line": {"color": BLUE, "linewidth": 0.6, "alpha": 0.9},
+        "joint": {"color": ORANGE, "linewidth": 0.6, "linestyle": (0, (3, 1.5)), "alpha": 0.9},
+    }
+    segments = found.planned.motion.segments
+    for kind, style in styles.items():
+        chosen = [segment.waypoints for segment in segments if segment.kind == kind]
+        if not chosen:
+            continue
+        shown = np.array([each[np.linspace(0, len(each) - 1, _WAY).astype(int)] for each in chosen])
+        paths = found.problem.arm.motion(shown.reshape(-1, shown.shape[2]))[0].reshape(*shown.shape[:2], 3)
+        # all ways of a kind as one line with gaps: a line each takes a minute where there are a thousand
+        gapped = np.concatenate([paths, np.full((len(paths), 1, 3), np.nan)], axis=1).reshape(-1, 3)
         if faint:  # the ways from one contact to the next are long, and nothing is measured on them
             style |= {"linewidth": 0.35, "alpha": 0.3}
-        axes.plot(*path.T, zorder=3, **style)
+        axes.plot(*gapped.T, zorder=3, **style)
 
 
 def _surroundings(axes: Any, found: PlanStudy) -> list[Array]:

@@ -10,13 +10,13 @@ from planning_cases import handling
 
 from symcal.errors import RefusedError
 from symcal.planning.criteria import criterion
-from symcal.planning.exchange import Pool, exchange
+from symcal.planning.exchange import exchange, pool_of
 from symcal.planning.refine import refine, walk_back
 from symcal.planning.region import area_region, region_accuracy
 
 
-def pool_of(info, poses):
-    return Pool(poses, info.rows(poses), info.area.unit(poses))
+def sample_pool(info, poses):
+    return pool_of(poses, info.rows(poses), info.area.unit(poses))
 
 
 @pytest.mark.parametrize("name", ["D", "A", "I", "E", "cond"])
@@ -26,7 +26,7 @@ def test_exchange_finds_what_enumeration_finds(name, rng):
     merit = criterion(name, accuracy=accuracy)
     reached = []
     for _ in range(5):
-        pool = pool_of(info, info.area.sample(rng, 12))
+        pool = sample_pool(info, info.area.sample(rng, 12))
         every = pool.information(np.arange(12))
         sets = np.array(list(itertools.combinations(range(12), 5)))
         best = max(merit.score(every[list(s)].sum(axis=0)) for s in sets)
@@ -42,7 +42,7 @@ def test_exchange_finds_what_enumeration_finds(name, rng):
 
 def test_no_single_swap_improves_the_result(rng):
     info, merit = handling(), criterion("D")
-    pool = pool_of(info, info.area.snapped(rng, 300))
+    pool = sample_pool(info, info.area.snapped(rng, 300))
     chosen = exchange(pool, merit, 20, np.zeros_like(info.prior))
     every = pool.information(np.arange(300))
     total = every[chosen].sum(axis=0)
@@ -53,7 +53,7 @@ def test_no_single_swap_improves_the_result(rng):
 
 def test_distance_between_poses_and_to_required_ones_is_kept(rng):
     info, merit = handling(), criterion("D")
-    pool = pool_of(info, info.area.snapped(rng, 2000))
+    pool = sample_pool(info, info.area.snapped(rng, 2000))
     off = info.area.unit(info.area.snapped(rng, 3))
     chosen = exchange(pool, merit, 20, np.zeros_like(info.prior), distance=0.5, keep_off=off)
     unit = pool.unit[chosen]
@@ -66,7 +66,7 @@ def test_distance_between_poses_and_to_required_ones_is_kept(rng):
 
 def test_repeats_only_if_allowed(rng):
     info, merit = handling(), criterion("D")
-    pool = pool_of(info, info.area.snapped(rng, 15))
+    pool = sample_pool(info, info.area.snapped(rng, 15))
     assert len(np.unique(exchange(pool, merit, 15, np.zeros_like(info.prior)))) == 15
     assert len(exchange(pool, merit, 30, np.zeros_like(info.prior), repeats=True)) == 30
     with pytest.raises(RefusedError, match="16 poses are wanted"):
@@ -97,7 +97,7 @@ def test_refinement_keeps_constraints_and_distances(rng):
     end = refine(info, merit, start, info.prior, feasible=forbidden)
     assert forbidden(end).all()
     assert merit.score(info.total(end)) > merit.score(info.total(start))
-    apart = exchange(pool_of(info, poses), merit, 15, info.prior, distance=0.4)
+    apart = exchange(sample_pool(info, poses), merit, 15, info.prior, distance=0.4)
     moved = info.area.unit(refine(info, merit, poses[apart], info.prior, distance=0.4))
     assert (np.linalg.norm(moved[:, None] - moved[None], axis=2) + 10 * np.eye(15)).min() >= 0.4
 

@@ -27,9 +27,8 @@ def run(coding="binary", seed=1, **options):
 
 @given(st.integers(1, 12), st.booleans())
 def test_codes_reach_both_limits_and_every_step_between(count, gray):
-    k = np.arange(2**count)
-    bits = ((k[:, None] >> np.arange(count - 1, -1, -1)) & 1).astype(bool)
-    values = decode(np.repeat(bits[:, None, :], 3, axis=1), LOWER, UPPER, gray=gray)
+    k = np.arange(2**count, dtype=np.min_scalar_type(2**count - 1))
+    values = decode(np.repeat(k[:, None], 3, axis=1), LOWER, UPPER, count, gray=gray)
     assert values.min(axis=0).tolist() == LOWER.tolist()
     assert values.max(axis=0).tolist() == UPPER.tolist()
     steps = np.diff(np.sort(values, axis=0), axis=0)
@@ -39,14 +38,14 @@ def test_codes_reach_both_limits_and_every_step_between(count, gray):
 @given(st.integers(1, 12), st.booleans(), st.integers(0, 2**32 - 1))
 def test_encoding_rounds_to_the_nearest_value(count, gray, seed):
     values = LOWER + (UPPER - LOWER) * np.random.default_rng(seed).random((5, 3))
-    back = decode(encode(values, LOWER, UPPER, count, gray=gray), LOWER, UPPER, gray=gray)
+    back = decode(encode(values, LOWER, UPPER, count, gray=gray), LOWER, UPPER, count, gray=gray)
     assert np.all(np.abs(back - values) <= 0.5 * (UPPER - LOWER) / (2**count - 1) + 1e-9)
 
 
 def test_neighbours_in_gray_code_differ_in_one_bit():
     values = (LOWER + (UPPER - LOWER) * (np.arange(32) / 31)[:, None]).reshape(32, 3)
-    bits = encode(values, LOWER, UPPER, 5, gray=True)
-    assert np.all((bits[1:] != bits[:-1]).sum(axis=-1) == 1)
+    codes = encode(values, LOWER, UPPER, 5, gray=True)
+    assert np.all(np.bitwise_count(codes[1:] ^ codes[:-1]) == 1)
 
 
 @pytest.mark.parametrize("coding", CODINGS)
@@ -80,7 +79,49 @@ def test_best_never_gets_worse_and_is_what_is_returned(coding):
 @pytest.mark.parametrize("coding", CODINGS)
 def test_finds_the_bottom_of_a_bowl(coding):
     result = run(coding, generations=150)
-    assert result.fitness < 0.02 * result.history[0]
+    expected = 4 * 3 * (1 / 12 + (1 / 2 - 1 / 3) ** 2)  # of a random plan: variance and bias of twelve uniform shares
+    assert result.fitness < 0.02 * expected
+
+
+@pytest.mark.parametrize("coding", CODINGS)
+def test_better_than_as_many_random_plans(coding):
+    result = run(coding)
+    random = LOWER + (UPPER - LOWER) * np.random.default_rng(7).random((result.evaluations, 4, 3))
+    assert result.fitness < 0.5 * bowl(random).min()
+
+
+@pytest.mark.parametrize("bits", [1, 5, 8, 12, 52])
+def test_bits_of_children_come_from_their_parents_half_from_each(bits):
+    from symcal.planning.columns_ga import BitCrossover
+
+    rng = np.random.default_rng(0)
+    kind = np.min_scalar_type(2**bits - 1)
+    parents = rng.integers(0, 2**bits - 1, size=(2, 300, 40), dtype=kind, endpoint=True)
+    children = BitCrossover(bits)._do(None, parents, random_state=rng)
+    assert children.dtype == kind
+    assert children.max() <= 2**bits - 1
+    # bit by bit the two children hold what the two parents held
+    assert np.array_equal(children[0] ^ children[1], parents[0] ^ parents[1])
+    assert np.array_equal(children[0] & children[1], parents[0] & parents[1])
+    different = np.bitwise_count(parents[0] ^ parents[1]).sum()
+    exchanged = np.bitwise_count(children[0] ^ parents[0]).sum()
+    assert abs(exchanged - different / 2) < 5 * np.sqrt(different) / 2
+
+
+@pytest.mark.parametrize("bits", [1, 5, 8, 12, 52])
+def test_one_bit_of_a_plan_flips_on_average_and_every_place_is_as_likely(bits):
+    from symcal.planning.columns_ga import BitFlips
+
+    rng = np.random.default_rng(0)
+    plans, genes = 4000, 6
+    before = np.zeros((plans, genes), dtype=np.min_scalar_type(2**bits - 1))
+    flipped = BitFlips(bits)._do(None, before, random_state=rng)
+    assert flipped.dtype == before.dtype
+    assert flipped.max() <= 2**bits - 1
+    share = min(0.5, 1.0 / (bits * genes))
+    for bit in range(bits):
+        count = int(((flipped >> flipped.dtype.type(bit)) & flipped.dtype.type(1)).sum())
+        assert abs(count - plans * genes * share) < 6 * np.sqrt(plans * genes * share)
 
 
 def test_starts_from_given_plans():
@@ -102,7 +143,7 @@ def test_feasible_plans_win_over_better_ones(coding):
 
 @pytest.mark.parametrize("coding", CODINGS)
 def test_exchanging_poses_makes_no_new_ones_without_mutation(coding):
-    values = decode(np.random.default_rng(0).random((40, 4, 3, 8)) < 0.5, LOWER, UPPER)
+    values = decode(np.random.default_rng(0).integers(256, size=(40, 4, 3), dtype=np.uint8), LOWER, UPPER, 8)
 
     def violation(plans):  # any pose that is not one of the start's is infeasible
         poses = plans.reshape(-1, 1, 3)

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from symcal.errors import InputError
 from symcal.planning.area import working_area
 from symcal.planning.ordering import joint_speeds, joint_time, shortest_tour, tour_of
+from symcal.planning.tour_search import _Search
 
 ROBOT = handling_chain().robot
 AREA = working_area(ROBOT)
@@ -77,6 +78,62 @@ def test_no_reversal_and_no_move_of_one_pose_helps():
         moved = order[:i] + order[i + 1 :]
         moved.insert(j, order[i])
         assert tour_of(moved, poses, START, SPEEDS).total >= tour.total - 1e-9
+
+
+def test_hundreds_of_poses_are_visited_once_and_faster_than_by_nearest_neighbour():
+    poses = poses_of(5, 300)
+    tour = shortest_tour(poses, START, SPEEDS)
+    assert sorted(tour.order.tolist()) == list(range(300))
+    greedy, left, here = [], list(range(300)), START
+    while left:
+        nearest = left[int(np.argmin(joint_time(here, poses[left], SPEEDS)))]
+        left.remove(nearest)
+        greedy.append(nearest)
+        here = poses[nearest]
+    assert tour.total < 0.9 * tour_of(greedy, poses, START, SPEEDS).total
+    again = shortest_tour(poses, START, SPEEDS)
+    assert np.array_equal(again.order, tour.order)
+
+
+def test_equal_poses_follow_each_other_and_cost_nothing_more():
+    poses = poses_of(3, 12)
+    once = shortest_tour(poses, START, SPEEDS)
+    many = shortest_tour(np.concatenate([poses, poses[::-1], poses[:4]]), START, SPEEDS)
+    assert sorted(many.order.tolist()) == list(range(28))
+    assert many.total == pytest.approx(once.total)
+
+
+def test_blocked_ways_are_avoided_where_they_can_be():
+    poses = poses_of(7, 9)
+    free = shortest_tour(poses, START, SPEEDS)
+    blocked = np.zeros((10, 10), dtype=bool)
+    for a, b in itertools.pairwise([0, *(free.order[:4] + 1)]):
+        blocked[a, b] = blocked[b, a] = True
+    walked = [0, *(shortest_tour(poses, START, SPEEDS, blocked).order + 1)]
+    assert not any(blocked[a, b] for a, b in itertools.pairwise(walked))
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(5, 25))
+def test_every_move_of_the_search_saves_what_it_says(seed, count):
+    """Witness: the length of the path, added up anew."""
+    rng = np.random.default_rng(seed)
+    points = rng.random((count, 2))
+    cost = np.abs(points[:, None] - points[None]).max(axis=2)
+    search = _Search(cost, [0, *(1 + rng.permutation(count - 1)).tolist()])
+
+    def length():
+        path = search.path[:-1]
+        return float(cost[path[:-1], path[1:]].sum())
+
+    before = length()
+    saved = search.repair(list(range(count)))
+    assert length() == pytest.approx(before - saved, abs=1e-9)
+    before = length()
+    search.kick(rng, 30)
+    assert length() <= before + 1e-9
+    assert search.path[0] == 0
+    assert sorted(search.path) == list(range(count + 1))
+    assert [search.path[i] for i in search.at] == list(range(count + 1))
 
 
 def test_poses_that_coincide_take_no_time():

@@ -1,0 +1,194 @@
+"""Identification of many trials: at once where everything that is not the robot is known, else one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symcal.data.dataset import Dataset, Readings
+from symcal.errors import RefusedError
+from symcal.fit.posterior import Posterior
+from symcal.fit.redundancy import check_redundancy
+from symcal.fit.residual_rows import rows_of
+from symcal.fit.whitened import beforehand
+from symcal.model.model import Model
+from symcal.trials.description import Cell, Description
+from symcal.trials.draw import Drawn, draw
+from symcal.trials.many import fit_many
+from symcal.trials.setting import Setting
+
+Array = NDArray[np.float64]
+
+NORMAL_95 = 1.959963984540054  # half width of the interval that holds 95 % of a normal law, in standard deviations
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """One identification.
+
+    x: errors, shape (n,), in the model's setup or that of the fit. free: indices of the parameters that were found.
+    covariance: of these, (n', n'). half_widths: of the stated 95 % intervals, (n',). assumed: standard deviations
+    before the data, (n',). posterior: where noise or sizes were estimated too, whose intervals are wider.
+    refused: why there is none. trouble: why it must not be used.
+    """
+
+    x: Array
+    free: NDArray[np.intp]
+    covariance: Array
+    half_widths: Array
+    assumed: Array
+    rank: int
+    iterations: int
+    cost: float
+    setup: Array
+    posterior: Posterior | None = None
+    refused: str = ""
+    trouble: str = ""
+
+
+def one_by_one(description: Description, setting: Setting) -> str:
+    """Why trials must be identified one after the other, in words; empty where many go at once."""
+    model, options = setting.model, description.options
+    unplaced = [place.on for o in model.task.everything for place in (o.at, o.target.at) if place.unknown]
+    reasons = {
+        "the noise is estimated": not description.told,
+        "the sizes of the errors are estimated": options.scales == "estimated",
+        f"the loss is {options.loss}": options.loss != "linear",
+        f"the solver is {options.solver}": options.solver != "levenberg_marquardt",
+        "places are found": bool(unplaced),
+        "values are known": bool(model.task.values),
+        "priors are stated": len(model.parameters.prior_rows(model.parameters.names)) > 0,
+        "not every pose is read by every instrument": not setting.written_out,
+    }
+    return ", ".join(reason for reason, true in reasons.items() if true)
+
+
+def identify(
+    description: Description, setting: Setting, cell: Cell, drawn: Drawn, refused: Mapping[int, str]
+) -> list[Estimate | None]:
+    """An estimate for every trial; None for those that are refused already."""
+    wanted = [i for i in range(len(drawn.z)) if i not in refused]
+    found: list[Estimate | None] = [None] * len(drawn.z)
+    if not wanted:
+        return found
+    if one_by_one(description, setting):
+        for i in wanted:
+            found[i] = _calibrated(description, setting, cell, drawn, i)
+        return found
+    for i, estimate in zip(wanted, _at_once(setting, cell, drawn, wanted), strict=True):
+        found[i] = estimate
+    return found
+
+
+def _at_once(setting: Setting, cell: Cell, drawn: Drawn, wanted: list[int]) -> list[Estimate]:
+    model = setting.model
+    q = drawn.q if drawn.q.ndim == 2 else drawn.q[wanted]
+    z = drawn.z[wanted]
+    sigma = model.measurement.per_component(setting.sigma(cell))
+    free = (*model.kinematic, *model.placement)
+    fits = fit_many(model, q, z, sigma, free=free)
+    index = model.parameters.indices(free)
+    covariance, assumed = _covariances(model, free, q, fits.x, z, sigma)
+    half = NORMAL_95 * np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    return [
+        Estimate(
+            fits.x[i],
+            index,
+            covariance[i],
+            half[i],
+            assumed,
+            int(fits.rank[i]),
+            int(fits.iterations[i]),
+            float(fits.cost[i]),
+            model.setup.vector,
+            trouble="" if fits.converged[i] else "the identification did not converge",
+        )
+        for i in range(len(wanted))
+    ]
+
+
+def _covariances(
+    model: Model, free: tuple[str, ...], q: Array, x: Array, z: Array, sigma: Array
+) -> tuple[Array, Array]:
+    """Covariance of the free parameters of R fits with known noise and sizes as stated, shape (R, n, n), from the
+    triangle of the whitened, scaled rows; and their standard deviations beforehand, (n,)."""
+    count, poses = len(x), q.shape[-2]
+    index = model.parameters.indices(free)
+    scales = model.parameters.scales[index]
+    before = beforehand(model.parameters, free)
+    prior = before.rows(scales)
+    flat = np.ascontiguousarray(np.broadcast_to(q, (count, *q.shape[-2:])).reshape(-1, q.shape[-1]))
+    each = np.repeat(x, poses, axis=0)
+    rows = np.empty((count, poses, len(sigma), len(index)))
+    for part, kernel in zip(model.measurement.parts, model.residuals, strict=True):
+        own = np.ascontiguousarray(z[..., part.readings].reshape(len(flat), -1))
+        jacobian = kernel(flat, each, model.setup.vector, own)[1]
+        jacobian = jacobian.reshape(count, poses, -1, jacobian.shape[-1])
+        rows[:, :, part.components] = jacobian[..., index] * (scales / sigma[part.components][:, None])
+    stacked = np.empty((count, poses * len(sigma) + len(prior), len(index)))
+    stacked[:, : -len(prior)] = rows.reshape(count, -1, len(index))
+    stacked[:, -len(prior) :] = prior
+    inverse = np.linalg.inv(np.linalg.qr(stacked, mode="r"))
+    root = scales[:, None] * inverse
+    return np.einsum("rik,rjk->rij", root, root), before.assumed
+
+
+def _dataset(model: Model, q: Array, z: Array) -> Dataset:
+    return Dataset(
+        of=tuple(Readings(o.instrument, o.name, o.features) for o in model.task.observations),
+        q=q,
+        z=z,
+        labels=tuple(map(str, range(len(q)))),
+        split=("train",) * len(q),
+        provenance="simulated",
+    )
+
+
+def refusal(description: Description, setting: Setting, cell: Cell) -> str:
+    """Why no trial of a cell can be identified, by the poses of its first one; empty if they can.
+
+    The whole identification of one trial finds that out by itself.
+    """
+    model = setting.model
+    if one_by_one(description, setting):
+        return ""
+    first = draw(description, setting, cell, [cell.number * description.repetitions])
+    rows = rows_of(model.measurement, _dataset(model, first.poses(0), first.z[0]), model.setup, model.residuals)
+    try:
+        check_redundancy(rows, (*model.kinematic, *model.placement), not description.told)
+    except RefusedError as error:
+        return str(error)
+    return ""
+
+
+def _calibrated(description: Description, setting: Setting, cell: Cell, drawn: Drawn, i: int) -> Estimate:
+    """One trial, as `symcal identify` identifies; without its search for mistakes between robot and data."""
+    from symcal.calibration.calibrate import calibrate
+
+    model = setting.model
+    options = replace(description.options, sigma=setting.sigma(cell) if description.told else {})
+    nothing = np.zeros(0)
+    try:
+        found = calibrate(model, None, _dataset(model, drawn.poses(i), drawn.z[i]), options, ())
+    except RefusedError as error:
+        none = np.zeros((0, 0))
+        return Estimate(
+            nothing, np.zeros(0, dtype=np.intp), none, nothing, nothing, 0, 0, np.nan, nothing, refused=str(error)
+        )
+    after = found.after
+    return Estimate(
+        after.x,
+        model.parameters.indices(after.free),
+        after.posterior.covariance,
+        after.posterior.half_widths(),
+        after.posterior.assumed,
+        after.identifiability.rank,
+        after.iterations,
+        float(after.solution.cost),
+        after.setup.vector,
+        after.posterior,
+        trouble=after.trouble,
+    )

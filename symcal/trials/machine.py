@@ -63,13 +63,22 @@ def _cpu() -> str:
     return f"{name} ({hashlib.sha256(text.encode()).hexdigest()[:8]})"
 
 
+_SHOW = ("cli", "export", "images", "paper", "plots", "report", "runs", "vision", "compensation")
+_SHOW += ("trials/export", "trials/figures", "trials/folder", "trials/need", "trials/report", "trials/results")
+_SHOW += ("trials/statistics",)
+"""Rooms and files that show numbers, or make none of a trial's."""
+
+
 @cache
 def _source() -> str:
-    """A hash of the program's own files."""
+    """A hash of the program's own files, as far as a trial's numbers may depend on them."""
     root = Path(__file__).resolve().parent.parent
     found = hashlib.sha256()
     for path in sorted(p for p in root.rglob("*") if p.suffix in (".py", ".h", ".c")):
-        found.update(path.relative_to(root).as_posix().encode() + b"\0")
+        name = path.relative_to(root).with_suffix("").as_posix()
+        if name.startswith(_SHOW):
+            continue
+        found.update(name.encode() + b"\0")
         found.update(path.read_bytes())
     return found.hexdigest()[:12]
 

@@ -97,6 +97,19 @@ INLINE void v_sincos(V x, V *sine, V *cosine) {
   }
 }
 
+/* The same for one number, where libm is not to be asked: its last bit differs between versions and processors. */
+COLD double scalar_sin(double x) {
+  V s, c;
+  v_sincos(v_all(x), &s, &c);
+  return s[0];
+}
+
+COLD double scalar_cos(double x) {
+  V s, c;
+  v_sincos(v_all(x), &s, &c);
+  return c[0];
+}
+
 /* ---- comparisons, logic: truth is the number 1, and anything but 0 is true ---- */
 
 INLINE V v_if(M where, V yes, V no) { return (V)(((M)yes & where) | ((M)no & ~where)); }

@@ -117,7 +117,7 @@ def print_trials(content: Any) -> None:
         console.print(escape(answer["text"]))
     path, machine = content["identification"], content["machine"]
     because = f" because {path['because']}" if path["because"] else ""
-    console.print(escape(f"identified {path['path']}{because}; {machine['kernels']}; {machine['cpu']}"))
+    console.print(escape(f"identified {path['path']}{because}; {machine['kernels']} on {machine['processor']}"))
     for warning in content["warnings"]:
         console.print(f"[bold]warning:[/bold] {escape(warning)}")
 

@@ -79,7 +79,7 @@ def alike(found: dict[str, Machine], *, portable: bool) -> Machine:
         raise RefusedError("the cluster has no workers: start some with 'dask worker ADDRESS --nthreads 1'")
     (name, first), *others = found.items()
     for other, machine in others:
-        differences = first.differs(machine, portable=portable)
+        differences = first.differs(machine)
         if differences:
             advice = (
                 "install the same versions everywhere"

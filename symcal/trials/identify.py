@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from symcal.data.dataset import Dataset, Readings
 from symcal.errors import RefusedError
+from symcal.fit.many import fit_many
 from symcal.fit.posterior import Posterior
 from symcal.fit.redundancy import check_redundancy
 from symcal.fit.residual_rows import rows_of
@@ -17,7 +18,6 @@ from symcal.fit.whitened import beforehand
 from symcal.model.model import Model
 from symcal.trials.description import Cell, Description
 from symcal.trials.draw import Drawn, draw
-from symcal.trials.many import fit_many
 from symcal.trials.setting import Setting
 
 Array = NDArray[np.float64]
@@ -59,8 +59,6 @@ def one_by_one(description: Description, setting: Setting) -> str:
         f"the loss is {options.loss}": options.loss != "linear",
         f"the solver is {options.solver}": options.solver != "levenberg_marquardt",
         "places are found": bool(unplaced),
-        "values are known": bool(model.task.values),
-        "priors are stated": len(model.parameters.prior_rows(model.parameters.names)) > 0,
         "not every pose is read by every instrument": not setting.written_out,
     }
     return ", ".join(reason for reason, true in reasons.items() if true)
@@ -85,19 +83,17 @@ def identify(
 
 def _at_once(setting: Setting, cell: Cell, drawn: Drawn, wanted: list[int]) -> list[Estimate]:
     model = setting.model
+    noise = setting.sigma(cell)
+    sigma = model.measurement.per_component(noise) if len(set(noise.values())) > 1 else next(iter(noise.values()))
     q = drawn.q if drawn.q.ndim == 2 else drawn.q[wanted]
-    z = drawn.z[wanted]
-    sigma = model.measurement.per_component(setting.sigma(cell))
-    free = (*model.kinematic, *model.placement)
-    fits = fit_many(model, q, z, sigma, free=free)
-    index = model.parameters.indices(free)
-    covariance, assumed = _covariances(model, free, q, fits.x, z, sigma)
-    half = NORMAL_95 * np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    fits = fit_many(model, q, drawn.z[wanted], sigma, strict=False)
+    index, assumed = model.parameters.indices(fits.free), beforehand(model.parameters, fits.free).assumed
+    half = NORMAL_95 * np.sqrt(np.diagonal(fits.covariance, axis1=1, axis2=2))
     return [
         Estimate(
             fits.x[i],
             index,
-            covariance[i],
+            fits.covariance[i],
             half[i],
             assumed,
             int(fits.rank[i]),
@@ -108,32 +104,6 @@ def _at_once(setting: Setting, cell: Cell, drawn: Drawn, wanted: list[int]) -> l
         )
         for i in range(len(wanted))
     ]
-
-
-def _covariances(
-    model: Model, free: tuple[str, ...], q: Array, x: Array, z: Array, sigma: Array
-) -> tuple[Array, Array]:
-    """Covariance of the free parameters of R fits with known noise and sizes as stated, shape (R, n, n), from the
-    triangle of the whitened, scaled rows; and their standard deviations beforehand, (n,)."""
-    count, poses = len(x), q.shape[-2]
-    index = model.parameters.indices(free)
-    scales = model.parameters.scales[index]
-    before = beforehand(model.parameters, free)
-    prior = before.rows(scales)
-    flat = np.ascontiguousarray(np.broadcast_to(q, (count, *q.shape[-2:])).reshape(-1, q.shape[-1]))
-    each = np.repeat(x, poses, axis=0)
-    rows = np.empty((count, poses, len(sigma), len(index)))
-    for part, kernel in zip(model.measurement.parts, model.residuals, strict=True):
-        own = np.ascontiguousarray(z[..., part.readings].reshape(len(flat), -1))
-        jacobian = kernel(flat, each, model.setup.vector, own)[1]
-        jacobian = jacobian.reshape(count, poses, -1, jacobian.shape[-1])
-        rows[:, :, part.components] = jacobian[..., index] * (scales / sigma[part.components][:, None])
-    stacked = np.empty((count, poses * len(sigma) + len(prior), len(index)))
-    stacked[:, : -len(prior)] = rows.reshape(count, -1, len(index))
-    stacked[:, -len(prior) :] = prior
-    inverse = np.linalg.inv(np.linalg.qr(stacked, mode="r"))
-    root = scales[:, None] * inverse
-    return np.einsum("rik,rjk->rij", root, root), before.assumed
 
 
 def _dataset(model: Model, q: Array, z: Array) -> Dataset:

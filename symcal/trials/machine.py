@@ -1,66 +1,47 @@
-"""On what numbers were made: the processor, the kernels that ran, and the program. Only alike they are the same bits."""
+"""On what numbers were made: the kernels that ran, on which processor, and the program. Only alike they are the same
+bits."""
 
 from __future__ import annotations
 
 import hashlib
-import platform
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
-from symcal.kernels.compile import _processor
-from symcal.kernels.compiler import find_compiler
+from symcal.kernels import path_in_use
+from symcal.kernels.path import VARIABLE as VARIABLE
 
-VARIABLE, PORTABLE = "SYMCAL_KERNELS", "vm"
-"""What asks for the one level of kernels that every machine has."""
-
-_LIBRARIES = ("casadi", "numpy", "scipy")
+PORTABLE = "portable"
+"""The level of kernels that every machine has, as `VARIABLE` names it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """cpu: its name and a hash of what it can do. kernels: which code ran. program: version, and a hash of its source.
-    libraries: versions of what computes.
+    """processor: its name. kernels: which code ran. bits: what decides on their bits, see `KernelPath.bits`.
+    program: version, and a hash of its source.
     """
 
-    cpu: str
+    processor: str
     kernels: str
+    bits: str
     program: str
-    libraries: str
 
     def facts(self) -> Mapping[str, str]:
         return asdict(self)
 
-    def differs(self, other: Machine, *, portable: bool) -> list[str]:
-        """In what another machine is not alike; where kernels are portable the processor does not count."""
-        own, their = asdict(self), asdict(other)
-        keys = [key for key in own if key != "cpu" or not portable]
-        return [f"{key}: {own[key]} and {their[key]}" for key in keys if own[key] != their[key]]
+    def differs(self, other: Machine) -> list[str]:
+        """In what another machine is not alike, as far as it decides on bits."""
+        pairs = {"kernels": (self.bits, other.bits), "program": (self.program, other.program)}
+        return [f"{name}: {own} and {their}" for name, (own, their) in pairs.items() if own != their]
 
 
 def this_machine(portable: bool = False) -> Machine:
     """What trials in this process are computed with."""
-    return Machine(_cpu(), _kernels(portable), f"symcal {version('symcal')} ({_source()})", _libraries())
-
-
-def _kernels(portable: bool) -> str:
-    import os
-
-    chosen = PORTABLE if portable else os.environ.get(VARIABLE, "auto")
-    compiler = None if chosen == PORTABLE else find_compiler()
-    if compiler is None:
-        return "CasADi's virtual machine"
-    return f"compiled for this processor by {compiler.version.splitlines()[0]}"
-
-
-@cache
-def _cpu() -> str:
-    text = _processor()
-    names = [line.partition(":")[2].strip() for line in text.splitlines() if line.startswith("model name")]
-    name = names[0] if names else platform.processor() or platform.machine()
-    return f"{name} ({hashlib.sha256(text.encode()).hexdigest()[:8]})"
+    path = path_in_use(PORTABLE if portable else "auto")
+    program = f"symcal {version('symcal')} ({_source()}), scipy {version('scipy')}"
+    return Machine(path.processor, str(path), path.bits, program)
 
 
 _SHOW = ("cli", "export", "images", "paper", "plots", "report", "runs", "vision", "compensation")
@@ -81,8 +62,3 @@ def _source() -> str:
         found.update(name.encode() + b"\0")
         found.update(path.read_bytes())
     return found.hexdigest()[:12]
-
-
-@cache
-def _libraries() -> str:
-    return ", ".join(f"{name} {version(name)}" for name in _LIBRARIES)

@@ -157,8 +157,8 @@ def _facts(content: Content) -> list[list[str]]:
         ["streams", f"trial t draws from SeedSequence({content['seed']}, spawn_key=(t,)) alone"],
         ["judged by", f"{question['test_poses']} random test poses, the same in all trials, against {truth}"],
         ["identification", f"{path['path']}{because}; noise {path['noise']}, sizes of the errors {path['sizes']}"],
-        ["processor", machine["cpu"]],
-        ["kernels", machine["kernels"] + (", portable" if machine["portable"] else "")],
+        ["processor", machine["processor"]],
+        ["kernels", machine["kernels"]],
         ["program", machine["program"]],
         ["versions", versions],
     ]

@@ -188,7 +188,7 @@ def _continue(store: Store, study: Study, machine: Machine, target: Path) -> Non
     if store.fact("schema") != SCHEMA or store.fact("identity") != study.identity:
         raise RefusedError(f"{target} holds another study (of other files, another seed or other settings); {kept}")
     before = Machine(**store.fact("machine"))
-    differences = before.differs(machine, portable=study.description.portable)
+    differences = before.differs(machine)
     if differences:
         raise RefusedError(
             f"{target} holds this study as it was begun with other means, whose numbers are not the same to the last "
@@ -203,9 +203,8 @@ def _compute(
     advance(done, total)
     if not missing:
         return
-    portable = bool(store.fact("portable"))
     for found in computing.run(missing):
-        differences = computing.machine.differs(found.machine, portable=portable)
+        differences = computing.machine.differs(found.machine)
         if differences:
             raise RefusedError(
                 f"a worker that came later does not compute as the others do ({'; '.join(differences)}): what is done "

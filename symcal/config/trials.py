@@ -65,13 +65,16 @@ class VaryConfig(Strict):
     noise: dict[Quantity, Several[Positive]] = {}
     errors: Several[Errors] | None = None
     size: Several[Positive] | None = None
-    instruments: Annotated[
-        list[Annotated[list[str], Field(min_length=1)]],
-        BeforeValidator(_listed_twice),
-        Field(min_length=1),
-        AfterValidator(_no_value_twice),
-        WithJsonSchema({"type": "array", "items": {"type": "array", "items": {"type": "string"}}}),
-    ] | None = None
+    instruments: (
+        Annotated[
+            list[Annotated[list[str], Field(min_length=1)]],
+            BeforeValidator(_listed_twice),
+            Field(min_length=1),
+            AfterValidator(_no_value_twice),
+            WithJsonSchema({"type": "array", "items": {"type": "array", "items": {"type": "string"}}}),
+        ]
+        | None
+    ) = None
 
 
 class TrialIdentification(Strict):

@@ -55,9 +55,7 @@ def draw(description: Description, setting: Setting, cell: Cell, trials: Sequenc
     return _simulated(setting, cell, generators, truth, q, refused)
 
 
-def _readings(
-    setting: Setting, cell: Cell, generators: Sequence[np.random.Generator], truth: Array, q: Array
-) -> Array:
+def _readings(setting: Setting, cell: Cell, generators: Sequence[np.random.Generator], truth: Array, q: Array) -> Array:
     """What the instruments give, with noise, shape (R, N, nz); as `symcal.calibration.simulate` draws it."""
     model, count = setting.true_model, len(truth)
     same = q.ndim == 2 and not cell.drawn
@@ -82,7 +80,7 @@ def _readings(
 def _simulated(
     setting: Setting,
     cell: Cell,
-    generators: Sequence[np.random.Generator],
+    generators: tuple[np.random.Generator, ...],
     truth: Array,
     q: Array,
     refused: dict[int, str],

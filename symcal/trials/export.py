@@ -13,7 +13,7 @@ from symcal.trials.judge import COLUMNS
 from symcal.trials.machine import Machine
 from symcal.trials.store import Store
 
-_LENGTHS = ("before_rms", "mean", "rms", "p95", "max", "expected_rms")
+_LENGTHS = ("before_rms", "mean", "rms", "p95", "max", "foretold_rms", "found_rms")
 _LENGTHS += ("measured_mean", "measured_rms", "measured_p95", "measured_max")
 _CHUNK = 100_000  # rows that are held at once
 
@@ -46,12 +46,13 @@ def write_parquet(path: Path, description: Description, store: Store, machine: M
     names = header(description)
     text = {"plan", "errors", "instruments", "status", "reason", "intervals"}
     whole = {"trial", "cell", "poses", "rank", "iterations"}
-    fields = [
-        (name, pa.string() if name in text else pa.int64() if name in whole else pa.float64()) for name in names
-    ]
+    fields = [(name, pa.string() if name in text else pa.int64() if name in whole else pa.float64()) for name in names]
     schema = pa.schema(fields, metadata={f"symcal.{key}": value for key, value in machine.facts().items()})
     found = rows(description, store)
     with pq.ParquetWriter(path, schema) as writer:
         while chunk := list(islice(found, _CHUNK)):
-            columns = [pa.array(column, type=field.type) for column, field in zip(zip(*chunk, strict=True), schema, strict=True)]
+            columns = [
+                pa.array(column, type=field.type)
+                for column, field in zip(zip(*chunk, strict=True), schema, strict=True)
+            ]
             writer.write_table(pa.Table.from_arrays(columns, schema=schema))

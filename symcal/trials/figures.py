@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from symcal.plots.style import (
@@ -93,7 +94,7 @@ def error_figure(content: Content, store: Store) -> Illustration:
     )
     if tolerance is not None:
         caption += f" The dashed line is the tolerance, {number(tolerance)} mm."
-    return Illustration(settle(figure), "errors", "Distribution of the error over trials.".rstrip("."), caption)
+    return Illustration(settle(figure), "errors", "Distribution of the error over trials", caption)
 
 
 def _boxes(axes: Axes, cells: Sequence[Content], content: Content) -> None:
@@ -114,7 +115,8 @@ def _boxes(axes: Axes, cells: Sequence[Content], content: Content) -> None:
             if found[name]["value"] is not None and found[name]["high"] is not None:
                 axes.plot([found[name]["low"], found[name]["high"]], [row - 0.28] * 2, color=INK, linewidth=0.8)
     axes.set_yticks(range(len(cells)), [escaped(label(cell, content["varied"])) for cell in cells], fontsize=5.5)
-    axes.set_ylim(len(cells) - 0.4, -0.6)
+    room = max(0, 4 - len(cells)) / 2  # a single row is no tall bar
+    axes.set_ylim(len(cells) - 0.4 + room, -0.6 - room)
     axes.set_xlim(left=0)
     axes.set_xlabel(f"{_name(content)} of a trial / mm")
     grid(axes, "x")
@@ -160,7 +162,9 @@ def need_figure(content: Content, store: Store) -> Illustration:
             grid(panel)
         if len(keys) > 1:
             figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=min(len(keys), 3))
-    limits = "" if tolerance is None else f" Dashed: the tolerance of {number(tolerance)} mm, and {share} % of the trials."
+    limits = (
+        "" if tolerance is None else f" Dashed: the tolerance of {number(tolerance)} mm, and {share} % of the trials."
+    )
     second = "the median" if tolerance is None else "the share of the trials within the tolerance"
     caption = (
         f"The {_name(content)} that {share} % of the trials stay below, by {words} (left), and {second} (right); bars "
@@ -283,5 +287,6 @@ def _ratios(axes: Axes, cells: Sequence[Content]) -> None:
     axes.set(xlabel="cell", ylabel="rms error found / foretold")
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, 0.9), max(high, 1.1))
-    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.set_xlim(cells[0]["cell"] - 0.6 if cells else -0.6, cells[-1]["cell"] + 0.6 if cells else 0.6)
+    axes.xaxis.set_major_locator(MaxNLocator(nbins=8, integer=True))
     grid(axes)

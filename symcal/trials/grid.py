@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import product
+from typing import Any
 
 from symcal.config.experiment import ExperimentFile
 from symcal.config.trials import MOST_CELLS, MOST_TRIALS, RANDOM, StudyFile
@@ -13,7 +14,9 @@ NOISE = "noise_"
 """Before a quantity: the axis of the grid that is its noise."""
 
 
-def axes(study: StudyFile, document: Document, experiment: ExperimentFile, entries: tuple[str, ...]) -> dict[str, list]:
+def axes(
+    study: StudyFile, document: Document, experiment: ExperimentFile, entries: tuple[str, ...]
+) -> dict[str, list[Any]]:
     """Values by axis, the slowest first: what the study says, else the one value of the experiment.
 
     Args:
@@ -29,7 +32,7 @@ def axes(study: StudyFile, document: Document, experiment: ExperimentFile, entri
                 raise document.error("no such instrument", ("vary", "instruments", i), found=name, allowed=entries)
         if len(set(names)) < len(names):
             raise document.error("an instrument stands here twice", ("vary", "instruments", i), found=list(names))
-    found = {
+    found: dict[str, list[Any]] = {
         "instruments": [tuple(name for name in entries if name in names) for names in sets],
         "plan": vary.plan or [experiment.plan.method or RANDOM],
         "errors": vary.errors or ["fixed"],
@@ -48,12 +51,12 @@ def axes(study: StudyFile, document: Document, experiment: ExperimentFile, entri
     return found
 
 
-def combinations(found: Mapping[str, list]) -> Iterator[dict[str, object]]:
+def combinations(found: Mapping[str, list[Any]]) -> Iterator[dict[str, Any]]:
     """Every cell's values by axis, the last axis fastest."""
     for values in product(*found.values()):
         yield dict(zip(found, values, strict=True))
 
 
-def varied(found: Mapping[str, list]) -> tuple[str, ...]:
+def varied(found: Mapping[str, list[Any]]) -> tuple[str, ...]:
     """Axes with more than one value."""
     return tuple(name for name, values in found.items() if len(values) > 1)

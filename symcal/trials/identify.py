@@ -30,9 +30,9 @@ class Estimate:
     """One identification.
 
     x: errors, shape (n,), in the model's setup or that of the fit. free: indices of the parameters that were found.
-    covariance: of these, (n', n'). half_widths: of the stated 95 % intervals, (n',). assumed: standard deviations
-    before the data, (n',). posterior: where noise or sizes were estimated too, whose intervals are wider.
-    refused: why there is none. trouble: why it must not be used.
+    covariance: of these, (n', n'); root: a square root of it. half_widths: of the stated 95 % intervals, (n',).
+    assumed: standard deviations before the data, (n',). posterior: where noise or sizes were estimated too, whose
+    intervals are wider; root is then not needed. refused: why there is none. trouble: why it must not be used.
     """
 
     x: Array
@@ -44,6 +44,7 @@ class Estimate:
     iterations: int
     cost: float
     setup: Array
+    root: Array
     posterior: Posterior | None = None
     refused: str = ""
     trouble: str = ""
@@ -100,6 +101,7 @@ def _at_once(setting: Setting, cell: Cell, drawn: Drawn, wanted: list[int]) -> l
             int(fits.iterations[i]),
             float(fits.cost[i]),
             model.setup.vector,
+            fits.root[i],
             trouble="" if fits.converged[i] else "the identification did not converge",
         )
         for i in range(len(wanted))
@@ -146,7 +148,7 @@ def _calibrated(description: Description, setting: Setting, cell: Cell, drawn: D
     except RefusedError as error:
         none = np.zeros((0, 0))
         return Estimate(
-            nothing, np.zeros(0, dtype=np.intp), none, nothing, nothing, 0, 0, np.nan, nothing, refused=str(error)
+            nothing, np.zeros(0, dtype=np.intp), none, nothing, nothing, 0, 0, np.nan, nothing, none, refused=str(error)
         )
     after = found.after
     return Estimate(
@@ -159,6 +161,7 @@ def _calibrated(description: Description, setting: Setting, cell: Cell, drawn: D
         after.iterations,
         float(after.solution.cost),
         after.setup.vector,
+        np.zeros((0, 0)),
         after.posterior,
         trouble=after.trouble,
     )

@@ -7,7 +7,6 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.fit.posterior import Posterior
 from symcal.trials.description import Cell, Description
 from symcal.trials.draw import Drawn
 from symcal.trials.identify import NORMAL_95, Estimate
@@ -19,18 +18,21 @@ Array = NDArray[np.float64]
 OK, FAILED, REFUSED = "ok", "failed", "refused"
 """What became of a trial: its numbers count; it did not converge; it was refused, with a reason."""
 
-_FORETOLD = 200  # test poses at which Student's laws foretell the error
+
+FORETOLD = 250
+"""Test poses at which the covariance is asked."""
 
 
 @dataclass(frozen=True, slots=True)
 class Result:
     """One trial, as it is kept. Errors are of the measured points at the test poses, mm.
 
-    rank: directions seen. cost: what was minimised, where it is known. before_rms: of the nominal robot. mean, rms, p95,
-    max: against the truth; measured_*: against readings with noise, where these were asked for. expected_rms: what the
-    covariance foretells. probe: one component at one test pose, another one in every trial, in units of its stated
-    95 % half width. intervals: a letter for each named parameter: I where the stated 95 % interval holds the true
-    error, O where it does not; i and o where the data took less than half of the uncertainty away.
+    rank: directions seen. cost: what was minimised, where it is known. before_rms: of the nominal robot. mean, rms,
+    p95, max: against the truth; measured_*: against readings with noise, where these were asked for.
+    foretold_rms: what the covariance foretells at the first `FORETOLD` test poses; found_rms: the error there.
+    probe: one component at one of these, another one in every trial, in units of its stated 95 % half width.
+    intervals: a letter for each named parameter: I where the stated 95 % interval holds the true error, O where it does
+    not; i and o where the data took less than half of the uncertainty away.
     """
 
     trial: int
@@ -49,27 +51,13 @@ class Result:
     measured_rms: float | None = None
     measured_p95: float | None = None
     measured_max: float | None = None
-    expected_rms: float | None = None
+    foretold_rms: float | None = None
+    found_rms: float | None = None
     probe: float | None = None
     intervals: str | None = None
 
 
 COLUMNS = tuple(field.name for field in fields(Result))
-
-
-@dataclass(slots=True)
-class _Truth:
-    """True positions at the test poses, by the true errors: computed once where these do not change."""
-
-    setting: Setting
-    test: Array
-    x: Array | None = None
-    at: Array | None = None
-
-    def __call__(self, x: Array) -> Array:
-        if self.at is None or self.x is None or not np.array_equal(self.x, x):
-            self.x, self.at = x, self.setting.held_out_true(self.test, x, self.setting.true_model.setup.vector)[0]
-        return self.at
 
 
 def judge(
@@ -82,7 +70,8 @@ def judge(
     refused: dict[int, str],
 ) -> list[Result]:
     """The results of some trials of one cell, in their order."""
-    true_points = _Truth(setting, description.test)
+    at, before = np.empty(0), 0.0
+    known: Array | None = None  # true errors whose positions these are: computed once where they do not change
     out = []
     for i, (trial, estimate) in enumerate(zip(trials, estimates, strict=True)):
         if estimate is None:
@@ -92,8 +81,12 @@ def judge(
         elif not np.isfinite(estimate.x).all():
             out.append(Result(trial, cell.number, FAILED, "the identification gave no finite number"))
         else:
-            at = true_points(drawn.truth[i])
-            out.append(_judged(description, setting, cell, trial, drawn, i, estimate, at))
+            x = drawn.truth[i]
+            if known is None or (cell.drawn and not np.array_equal(known, x)):
+                known = x
+                at = setting.held_out_true(description.test, x, setting.true_model.setup.vector)[0]
+                before = float(np.sqrt(_squares(setting.nominal - at).mean()))
+            out.append(_judged(description, setting, cell, trial, drawn, i, estimate, at, before))
     return out
 
 
@@ -106,13 +99,14 @@ def _judged(
     i: int,
     estimate: Estimate,
     true: Array,
+    before: float,
 ) -> Result:
-    found = setting.held_out(description.test, estimate.x, estimate.setup)[0]
-    off = found - true
-    mean, rms, p95, largest = _statistics(off)
-    measured: tuple[float | None, ...] = (None,) * 4
+    off = setting.held_out(description.test, estimate.x, estimate.setup)[0] - true
+    errors = dict(zip(("mean", "rms", "p95", "max"), _statistics(off), strict=True))
     if description.measured:
-        measured = _statistics(off - _noise(cell, off.shape, drawn.generators[i]))
+        seen = _statistics(off - _noise(cell, off.shape, drawn.generators[i]))
+        errors |= dict(zip(("measured_mean", "measured_rms", "measured_p95", "measured_max"), seen, strict=True))
+    foretold, found, probe = _foretold(description, setting, estimate, off, trial)
     return Result(
         trial,
         cell.number,
@@ -121,27 +115,33 @@ def _judged(
         estimate.rank,
         estimate.iterations,
         None if np.isnan(estimate.cost) else estimate.cost,
-        _statistics(setting.nominal - true)[1],
-        mean,
-        rms,
-        p95,
-        largest,
-        *measured,
-        _expected(setting, estimate),
-        _probe(setting, estimate, off, trial),
-        _intervals(setting, estimate, drawn.truth[i]),
+        before,
+        foretold_rms=foretold,
+        found_rms=found,
+        probe=probe,
+        intervals=_intervals(setting, estimate, drawn.truth[i]),
+        **errors,
     )
+
+
+def _squares(off: Array) -> Array:
+    """Squared lengths of vectors, shape (T, 3 k) -> (T k,)."""
+    x, y, z = off.reshape(-1, 3).T
+    return np.asarray(x * x + y * y + z * z)
 
 
 def _statistics(off: Array) -> tuple[float, float, float, float]:
     """Mean, rms, 95th percentile (between its neighbours linearly) and maximum of the lengths of vectors (T, 3 k)."""
-    squares = np.square(off.reshape(-1, 3)).sum(axis=1)
-    lengths = np.sort(np.sqrt(squares))
-    place = 0.95 * (len(lengths) - 1)
+    squares = _squares(off)
+    lengths = np.sqrt(squares)
+    lengths.sort()
+    count = len(lengths)
+    place = 0.95 * (count - 1)
     low = int(place)
-    high = min(low + 1, len(lengths) - 1)
+    high = min(low + 1, count - 1)
     p95 = lengths[low] + (place - low) * (lengths[high] - lengths[low])
-    return float(lengths.mean()), float(np.sqrt(squares.mean())), float(p95), float(lengths[-1])
+    total, total_squares = np.add.reduce(lengths), np.add.reduce(squares)
+    return float(total / count), float(np.sqrt(total_squares / count)), float(p95), float(lengths[-1])
 
 
 def _noise(cell: Cell, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
@@ -155,39 +155,40 @@ def position_noise(cell: Cell) -> float:
     return cell.noise.sizes.get("position", 0.0) or next((size for size in own if size), 0.0)
 
 
-def _expected(setting: Setting, estimate: Estimate) -> float:
-    """Rms error over the test poses that the covariance foretells, to first order."""
-    if estimate.posterior is not None:
-        slopes = setting.slopes[:_FORETOLD, :, estimate.free]
-        points = slopes.shape[1] // 3
-        return float(np.sqrt(np.mean(estimate.posterior.predicted_rms(slopes) ** 2) / points))
-    weight = setting.weight[np.ix_(estimate.free, estimate.free)]
-    return float(np.sqrt(max(np.einsum("ij,ij->", weight, estimate.covariance), 0.0)))
+def _foretold(
+    description: Description, setting: Setting, estimate: Estimate, off: Array, trial: int
+) -> tuple[float, float, float]:
+    """Rms error over the first test poses that the covariance foretells, and that was found there, mm; and one
+    component of the error over its stated half width.
 
-
-def _probe(setting: Setting, estimate: Estimate, off: Array, trial: int) -> float:
-    """One component of the error over its stated half width."""
+    Linearised at the estimate: elsewhere other directions are unseen, and what is not known of those that are here
+    would be taken for an error.
+    """
+    test, off = description.test[:FORETOLD], off[:FORETOLD]
+    slopes = setting.slopes(test, estimate.x, estimate.setup)[0]
+    if len(estimate.free) < slopes.shape[-1]:
+        slopes = slopes[..., estimate.free]
     pose, component = divmod(trial % off.size, off.shape[1])
-    slope = setting.slopes[pose, component, estimate.free]
-    half = _half_width(estimate.posterior, estimate.covariance, slope)
-    return float(off[pose, component] / half) if half > 0 else 0.0
+    points = off.size // 3
+    found = float(np.sqrt(np.add.reduce(_squares(off)) / points))
+    if estimate.posterior is not None:
+        variance = np.add.reduce(estimate.posterior.predicted_rms(slopes) ** 2)
+        half = float(estimate.posterior.prediction_half_widths(slopes[pose, component]))
+    else:
+        # squares of J R^-1: no difference of large numbers, as in J C J^T where much is unseen
+        spread = slopes.reshape(off.size, -1) @ estimate.root
+        own = spread[pose * off.shape[1] + component]
+        variance, half = np.vdot(spread, spread), NORMAL_95 * float(np.sqrt(np.vdot(own, own)))
+    return float(np.sqrt(variance / points)), found, float(off[pose, component] / half) if half > 0 else 0.0
 
 
-def _half_width(posterior: Posterior | None, covariance: Array, slope: Array) -> float:
-    if posterior is not None:
-        return float(posterior.prediction_half_widths(slope))
-    return NORMAL_95 * float(np.sqrt(max(np.einsum("i,ij,j->", slope, covariance, slope), 0.0)))
+_LETTERS = np.array(["o", "i", "O", "I"])
 
 
 def _intervals(setting: Setting, estimate: Estimate, truth: Array) -> str:
-    model, true_model = setting.model, setting.true_model
-    place = {int(index): i for i, index in enumerate(estimate.free)}
-    letters = []
-    for name in setting.named:
-        index = model.parameters.index(name)
-        i = place[index]
-        off = abs(estimate.x[index] - truth[true_model.parameters.index(name)])
-        share = 1 - estimate.covariance[i, i] / estimate.assumed[i] ** 2
-        letter = "i" if off <= estimate.half_widths[i] else "o"
-        letters.append(letter.upper() if share >= MOSTLY else letter)
-    return "".join(letters)
+    place = np.full(len(estimate.x), -1)
+    place[estimate.free] = np.arange(len(estimate.free))
+    i = place[setting.judged]
+    off = np.abs(estimate.x[setting.judged] - truth[setting.judged_true])
+    learnt = 1 - np.diagonal(estimate.covariance)[i] / estimate.assumed[i] ** 2
+    return "".join(_LETTERS[(off <= estimate.half_widths[i]) + 2 * (learnt >= MOSTLY)].tolist())

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.calibration.candidates import terms_named
-from symcal.calibration.extend import with_terms
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, SimulatedData
 from symcal.config.plan import MethodName
@@ -23,7 +22,6 @@ from symcal.errors import InputError, RefusedError
 from symcal.instruments.noise import Noise
 from symcal.model.model import Model, build_model
 from symcal.planning.area import WorkingArea
-from symcal.planning.instrument_comparison import only_instruments
 from symcal.planning.plan_constraints import asked_view
 from symcal.planning.plan_file import read_plan
 from symcal.runs.load import Experiment, load, named_files
@@ -50,7 +48,7 @@ class Study:
     description: Description
     inputs: tuple[Path, ...]
     identity: str
-    axes: Mapping[str, list]
+    axes: Mapping[str, list[Any]]
     varied: tuple[str, ...]
 
 
@@ -106,7 +104,11 @@ def load_study(
     models = [_model(experiment, document, names, entries) for names in sets]
     lower, upper = config.area_of(own, experiment.document, experiment.robot)
     terms = terms_named(experiment.robot, data.truth.errors)
-    true_model = with_terms(model, terms)
+    true_model = model
+    if terms:
+        from symcal.calibration.extend import with_terms
+
+        true_model = with_terms(model, terms)
     units = dict(zip(true_model.parameters.names, true_model.parameters.units, strict=True))
     for_truth = shared_generator(file.seed, "truth")
     truth = config.truth_of(data, own, experiment.document, dict(units), for_truth)
@@ -157,6 +159,8 @@ def _model(experiment: Experiment, document: Document, names: tuple[str, ...], e
     try:
         model = experiment.model
         if names != entries:
+            from symcal.planning.instrument_comparison import only_instruments
+
             model = build_model(experiment.robot, only_instruments(experiment.model.task, names))
         insist_on_points(model)
     except (InputError, RefusedError) as error:
@@ -179,7 +183,7 @@ def _cells(
     file: StudyFile,
     document: Document,
     experiment: Experiment,
-    grid: Mapping[str, list],
+    grid: Mapping[str, list[Any]],
     models: Sequence[Model],
     data: SimulatedData,
     progress: Progress,
@@ -191,8 +195,8 @@ def _cells(
     read: list[Path] = []
     sets: list[tuple[str, ...]] = grid["instruments"]
     for number, values in enumerate(combinations(grid)):
-        task = sets.index(values["instruments"])  # type: ignore[arg-type]
-        plan, poses = str(values["plan"]), int(str(values["poses"]))
+        task = sets.index(values["instruments"])
+        plan, poses = values["plan"], values["poses"]
         place: int | None = None
         if plan != RANDOM:
             key, made = _plan(file, document, experiment, plan, poses, task, models[task], places, read, progress)
@@ -206,7 +210,7 @@ def _cells(
         noise = _noise(experiment.file, data, models[task], values)
         _insist_on_noise(document, models[task], noise, told=file.identification.noise == "known")
         shown = {**values, "instruments": " + ".join(sets[task])}
-        drawn, size = values["errors"] == "drawn", float(str(values["size"]))
+        drawn, size = values["errors"] == "drawn", float(values["size"])
         cells.append(Cell(number, poses, plan, place, sets[task], task, drawn, size, noise, shown))
     return cells, plans, read
 

@@ -34,13 +34,14 @@ def run_locally(digest: str, data: bytes, shards: Iterable[Shard], workers: int)
             yield run_shard(digest, data, shard)
         return
     waiting = deque(shards)
-    context = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
+    copied = sys.platform == "linux"
+    context = multiprocessing.get_context("fork") if copied else multiprocessing.get_context("spawn")
     pipes: list[Connection] = []
     processes: list[BaseProcess] = []
     try:
         for _ in range(min(workers, len(waiting))):
             ours, theirs = context.Pipe()
-            forked = [*pipes, ours] if context.get_start_method() == "fork" else []
+            forked = [*pipes, ours] if copied else []
             process = context.Process(target=_work, args=(theirs, forked, digest, data), daemon=True)
             process.start()
             theirs.close()

@@ -9,11 +9,12 @@ from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
+from typing import Literal
 
 from symcal.kernels import path_in_use
 from symcal.kernels.path import VARIABLE as VARIABLE
 
-PORTABLE = "portable"
+PORTABLE: Literal["portable"] = "portable"
 """The level of kernels that every machine has, as `VARIABLE` names it."""
 
 
@@ -44,9 +45,10 @@ def this_machine(portable: bool = False) -> Machine:
     return Machine(path.processor, str(path), path.bits, program)
 
 
-_SHOW = ("cli", "export", "images", "paper", "plots", "report", "runs", "vision", "compensation")
-_SHOW += ("trials/export", "trials/figures", "trials/folder", "trials/need", "trials/report", "trials/results")
-_SHOW += ("trials/statistics",)
+_SHOW = (
+    *("cli", "compensation", "export", "images", "paper", "plots", "report", "runs", "vision"),
+    *(f"trials/{name}" for name in ("export", "figures", "folder", "need", "report", "results", "statistics")),
+)
 """Rooms and files that show numbers, or make none of a trial's."""
 
 

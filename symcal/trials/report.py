@@ -140,7 +140,11 @@ def _parameters(content: Content) -> dict[str, Any]:
         "95 % intervals of parameters, over all cells: the share of the trials in which the data took at least half of "
         "the uncertainty away, and in how many of these, and of the others, the interval held the true error."
     )
-    return {"head": ["parameter", "told by data", "held where told", "held elsewhere"], "rows": rows, "caption": caption}
+    return {
+        "head": ["parameter", "told by data", "held where told", "held elsewhere"],
+        "rows": rows,
+        "caption": caption,
+    }
 
 
 def _held(share: Any) -> str:

@@ -34,9 +34,10 @@ class Setting:
     model: what is identified; true_model: of the robot that is measured, with the joint terms that the other one lacks.
     readings: (q, x, setup) -> z of the true robot. held_out: (q, x, setup) -> the measured points in world, shape
     (3 k,), mm, of the identified robot; held_out_true: of the true one. nominal: these of the nominal robot at the test
-    poses, shape (T, 3 k). slopes: of these by the errors, at nominal, shape (T, 3 k, n); weight: the mean over the test
-    poses of J^T J, summed over points and divided by their number, shape (n, n).
+    poses, shape (T, 3 k). slopes: (q, x, setup) -> J of these points by the errors, shape (3 k, n).
     written_out: whether a pose's readings are plain expressions, everywhere to be had: no contacts, no limits of view.
+    named: the parameters whose intervals are judged: of links and joint terms, which mean the same in every trial;
+    judged, judged_true: their places in both models.
     """
 
     model: Model
@@ -45,16 +46,12 @@ class Setting:
     held_out: BatchFunction
     held_out_true: BatchFunction
     nominal: Array
-    slopes: Array
-    weight: Array
+    slopes: BatchFunction
     random: PoseSource
     written_out: bool
-
-    @property
-    def named(self) -> tuple[str, ...]:
-        """The parameters whose intervals are judged: of links and joint terms, which mean the same in every trial."""
-        known = set(self.true_model.parameters.names)
-        return tuple(name for name in self.model.kinematic if name in known)
+    named: tuple[str, ...]
+    judged: NDArray[np.intp]
+    judged_true: NDArray[np.intp]
 
     def sigma(self, cell: Cell) -> dict[str, float]:
         """Standard deviation of the noise of every group, mm, rad and px."""
@@ -101,11 +98,7 @@ def build_setting(description: Description, task: int) -> Setting:
         insist_on_points(model)
         measurement = model.measurement
         held_out = _points(measurement)
-        slopes = batch_function(measurement.points)(
-            description.test, np.zeros(len(model.parameters)), model.setup.vector
-        )[1]
         nominal = held_out(description.test, np.zeros(len(model.parameters)), model.setup.vector)[0]
-        rows = slopes.reshape(-1, slopes.shape[-1])
         parts = true_model.measurement.parts
         return Setting(
             model,
@@ -114,10 +107,12 @@ def build_setting(description: Description, task: int) -> Setting:
             held_out,
             held_out if true_model is model else _points(true_model.measurement),
             nominal,
-            slopes,
-            rows.T @ rows / (len(rows) / 3),
+            _points(measurement, 1),
             pose_source(model, WorkingArea(description.lower, description.upper), description.view),
             all(part.contact is None and part.margins is None and part.staged is None for part in parts),
+            model.kinematic,
+            model.parameters.indices(model.kinematic),
+            true_model.parameters.indices(model.kinematic),
         )
 
 
@@ -137,11 +132,12 @@ def insist_on_points(model: Model) -> None:
         )
 
 
-def _points(measurement: Measurement) -> BatchFunction:
-    """The points alone, without their slopes."""
+def _points(measurement: Measurement, output: int = 0) -> BatchFunction:
+    """The points without their slopes, or these (1) alone."""
     whole = measurement.points
     given = whole.sx_in()
-    return batch_function(ca.Function("held_out", given, [whole(*given)[0]], whole.name_in(), ["p"]))
+    name = ("held_out", "held_out_slopes")[output]
+    return batch_function(ca.Function(name, given, [whole(*given)[output]], whole.name_in(), ["p"]))
 
 
 _built: OrderedDict[tuple[str, int], Setting] = OrderedDict()

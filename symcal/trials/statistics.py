@@ -111,7 +111,18 @@ def cell_facts(store: Store, number: int, question: Question, repetitions: int, 
     good = statuses.get(OK, 0)
     lost = repetitions - good
     found = store.numbers(
-        number, "mean", "rms", "p95", "max", question.of, "before_rms", "expected_rms", "probe", "rank", "iterations"
+        number,
+        "mean",
+        "rms",
+        "p95",
+        "max",
+        question.of,
+        "before_rms",
+        "foretold_rms",
+        "found_rms",
+        "probe",
+        "rank",
+        "iterations",
     )
     judged = np.concatenate([np.sort(found[question.of]), np.full(lost, np.inf)])
     out: dict[str, Any] = {
@@ -136,7 +147,7 @@ def cell_facts(store: Store, number: int, question: Question, repetitions: int, 
         out["within"] = Share(int((judged <= question.tolerance).sum()), repetitions).facts()
     if good:
         out["before_rms_mm"] = float(np.median(found["before_rms"]))
-        out["expected"] = _expected(found["expected_rms"], found["rms"])
+        out["expected"] = _expected(found["foretold_rms"], found["found_rms"])
         out["coverage"] = {
             "position": Share(int((np.abs(found["probe"]) <= 1).sum()), good).facts(),
             "parameters": _intervals(store.intervals(number), names),

@@ -196,9 +196,7 @@ def _continue(store: Store, study: Study, machine: Machine, target: Path) -> Non
         )
 
 
-def _compute(
-    store: Store, computing: _Local | _Remote, missing: Sequence[Shard], total: int, advance: Advance
-) -> None:
+def _compute(store: Store, computing: _Local | _Remote, missing: Sequence[Shard], total: int, advance: Advance) -> None:
     done = total - sum(last - first for first, last in missing)
     advance(done, total)
     if not missing:

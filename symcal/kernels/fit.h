@@ -11,7 +11,7 @@ enum { CONVERGED = 0, TOO_MANY = 1, NOT_FINITE = 2 };
 typedef struct {
   ptrdiff_t problems, poses, x_stride;
   const double *q, *x, *setup, *z, *w, *prior, *width;
-  double small, evaluations;
+  double unit, small, nothing, evaluations;
   double *found, *cost, *factor;
   long long *counts; /* accepted steps, evaluations, how it ended */
 } Job;
@@ -37,7 +37,6 @@ static void known_rows(const Job *job, const V *x, V *triangle, V *block, V *squ
 
 #define FIRST_DAMPING 1e-3
 #define LEAST_DAMPING 1e-7 /* below that of a step it is none */
-#define NOTHING 1e-20      /* of whitened squares: 1e-10 of a sigma */
 
 INLINE M m_finite(V a) { return (M)((a - a) == v_all(0.0)); }
 
@@ -137,7 +136,7 @@ static void fit_lanes(const Job *job, const ptrdiff_t *who, int real, const doub
     back_substituted(held, step);
     for (int j = 0; j < NF; j++) gain += held[j * NC + NF] * held[j * NC + NF];
     gain = half * gain;
-    const V enough = v_all(job->small) * cost + v_all(NOTHING);
+    const V enough = v_all(job->small) * cost + v_all(job->nothing);
     const M last = better & (M)(gain <= enough);
     cost = v_if(last, cost - gain, cost);
     M stop = last | settled;

@@ -35,16 +35,19 @@ _PORTS = ("q", "x", "setup", "z", "w")
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """The free errors are ``free`` of all, and the arrays are given so; z always is by problem and pose."""
+    """The free errors are ``free`` of all, and the arrays are given so; z always is by problem and pose.
+
+    weights: None where there are none: all rows are in units of one noise, and all were measured.
+    """
 
     free: tuple[int, ...]
     q: Given
     setup: Given
-    weights: Given
+    weights: Given | None
 
     def changes(self, port: int) -> int:
         """With what an element of a port changes."""
-        given = {0: self.q, 2: self.setup, 3: "reading", 4: self.weights}
+        given = {0: self.q, 2: self.setup, 3: "reading", 4: self.weights or "shared"}
         if port == 1:
             return _TRIAL | _PROBLEM
         return {"shared": 0, "pose": _POSE, "reading": _POSE | _PROBLEM}[given[port]]
@@ -74,8 +77,8 @@ def fit_source(program: Program, layout: Layout, known: Program | None = None) -
     """C source of `int symcal_fit(const Job *)`, see `fit.h`.
 
     Args:
-        program: (q, x, setup, z) -> r, shape (m,), and J by the free errors, shape (m, n). known: the same of what is
-            known between things, whitened, if there is any.
+        program: (q, x, setup, z) -> r, shape (m,), and J by the free errors, shape (m, n). known: (x, setup) -> the
+            same of what is known between things, whitened, if there is any.
     """
     ports = program.inputs
     rows, free = program.outputs[0].size, len(layout.free)
@@ -95,7 +98,8 @@ def fit_source(program: Program, layout: Layout, known: Program | None = None) -
         "BY_ERROR": len(trial.slots),
         "SYMCAL_FIT": ENTRY,
     }
-    weights = [_weight(stages, k) for k in range(rows)]
+    weights = [_weight(stages, k) for k in range(rows)] if layout.weights else []
+    absent = " | ".join(f"(M)({weight} == v_all(0.0))" for weight in weights)
     here = "const double *by_pose, const V *by_reading"
     return "\n".join(
         [
@@ -123,7 +127,7 @@ def fit_source(program: Program, layout: Layout, known: Program | None = None) -
             ),
             *_function(
                 f"int has_missing({here})",
-                [f"return m_any({' | '.join(f'(M)({weight} == v_all(0.0))' for weight in weights)});"],
+                [f"return m_any({absent});" if absent else "return 0;"],
             ),
             *_function(
                 f"void without_missing({here}, V *block)",
@@ -133,7 +137,7 @@ def fit_source(program: Program, layout: Layout, known: Program | None = None) -
                     for k, weight in enumerate(weights)
                 ],
             ),
-            *_known(known, layout, height),
+            *_known(known, layout),
             "",
         ]
     )
@@ -220,9 +224,7 @@ class _Writer:
             self.define(changes, f"{sa} * {cb} {sign} {ca} * {sb}", f"{angle}sin")
             self.define(changes, f"{ca} * {cb} {'-' if sign == '+' else '+'} {sa} * {sb}", f"{angle}cos")
         elif self.stages[changes].vector:
-            self.stages[changes].lines.append(
-                f"V {angle}sin, {angle}cos; v_sincos({angle}, &{angle}sin, &{angle}cos);"
-            )
+            self.stages[changes].lines.append(f"V {angle}sin, {angle}cos; v_sincos({angle}, &{angle}sin, &{angle}cos);")
         else:
             self.stages[changes].lines.append(f"const double {angle}sin = sin({angle}), {angle}cos = cos({angle});")
         self.where[f"{angle}sin"] = self.where[f"{angle}cos"] = self.stages[changes]
@@ -241,7 +243,7 @@ def _stages(program: Program, layout: Layout) -> tuple[_Stage, ...]:
     )
     row, writer = stages[-1], _Writer(stages)
     count, free = program.outputs[0].size, len(layout.free)
-    weights = [_load(writer, program, layout, 4, k) for k in range(count)]
+    weights = [_load(writer, program, layout, 4, k) for k in range(count)] if layout.weights else []
     for weight in weights:
         writer.use(weight, everything)
     names: dict[int, str] = {}  # work index -> C name
@@ -255,8 +257,9 @@ def _stages(program: Program, layout: Layout) -> tuple[_Stage, ...]:
                 names[work] = writer.operation(op, [names[a] for a in args])
             case Store(work, port, element):
                 k, c = (element, free) if port == 0 else divmod(element, free)
-                value = f"{writer.use(names[work], everything)} * {writer.use(weights[k], everything)}"
-                row.lines.append(f"block[{c} * K + {k}] = {value};")
+                text = writer.use(names[work], everything)
+                weight = f" * {writer.use(weights[k], everything)}" if weights else ""
+                row.lines.append(f"block[{c} * K + {k}] = {text}{weight};")
     return stages
 
 
@@ -287,7 +290,7 @@ def _weight(stages: Sequence[_Stage], k: int) -> str:
     raise AssertionError("every weight is used")
 
 
-def _known(known: Program | None, layout: Layout, height: int) -> list[str]:
+def _known(known: Program | None, layout: Layout) -> list[str]:
     """Rows of what is known between things: whitened, of errors and setup alone."""
     signature = "void known_rows(const Job *job, const V *x, V *triangle, V *block, V *squares)"
     if known is None:
@@ -300,7 +303,7 @@ def _known(known: Program | None, layout: Layout, height: int) -> list[str]:
             case Constant(work, value):
                 names[work] = c_constant(value, "v_")
             case Load(work, port, element):
-                names[work] = f"x[{element}]" if port == 1 else f"v_all(job->setup[{element}])"
+                names[work] = f"x[{element}]" if port == 0 else f"v_all(job->setup[{element}])"
             case Operation(work, "sin" | "cos" as op, args):
                 lines.append(f"V s{index}, c{index}; v_sincos({names[args[0]]}, &s{index}, &c{index});")
                 names[work] = f"{op[0]}{index}"
@@ -317,7 +320,7 @@ def _known(known: Program | None, layout: Layout, height: int) -> list[str]:
             f"for (int first = 0; first < {count}; first += K) {{",
             f"  const int count = {count} - first < K ? {count} - first : K;",
             "  for (int c = 0; c < NC; c++)",
-            "    for (int i = 0; i < count; i++) block[c * K + i] = rows[(first + i) * NC + c];",
+            "    for (int i = 0; i < count; i++) block[c * K + i] = rows[(first + i) * NC + c] * v_all(job->unit);",
             "  *squares += sum_of_products(block + NF * K, block + NF * K, count);",
             "  absorb(triangle, block, count);",
             "}",

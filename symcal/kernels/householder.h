@@ -34,22 +34,44 @@ INLINE V sum_of_products(const V *a, const V *b, int rows) {
   return (s0 + s1) + (s2 + s3);
 }
 
+/* Into a register now: GCC would rather fetch a number once for each use, and fetching is what limits these loops. */
+#if defined(__AVX512F__)
+#define KEEP(a) __asm__("" : "+v"(a))
+#elif defined(__AVX__)
+#define KEEP(a) __asm__("" : "+x"(a))
+#else
+#define KEEP(a) (void)(a)
+#endif
+
 /* COUNT columns from `c` on, under both reflectors. */
-#define BEHIND(COUNT)                                                                                             \
-  INLINE void behind##COUNT(V *restrict r1, V *restrict r2, const V *restrict v1, const V *restrict v2,           \
-                            V *restrict c, Reflector one, Reflector two, V v1v2, int rows) {                      \
-    V d1[COUNT], d2[COUNT];                                                                                       \
-    for (int k = 0; k < COUNT; k++) d1[k] = one.u * r1[k], d2[k] = two.u * r2[k];                                 \
-    for (int i = 0; i < rows; i++)                                                                                \
-      for (int k = 0; k < COUNT; k++) d1[k] += v1[i] * c[k * K + i], d2[k] += v2[i] * c[k * K + i];               \
-    for (int k = 0; k < COUNT; k++) {                                                                             \
-      d1[k] = one.tau * d1[k];                                                                                    \
-      d2[k] = two.tau * (d2[k] - d1[k] * v1v2);                                                                   \
-      r1[k] -= d1[k] * one.u;                                                                                     \
-      r2[k] -= d2[k] * two.u;                                                                                     \
-    }                                                                                                             \
-    for (int i = 0; i < rows; i++)                                                                                \
-      for (int k = 0; k < COUNT; k++) c[k * K + i] = c[k * K + i] - d1[k] * v1[i] - d2[k] * v2[i];                \
+#define BEHIND(COUNT)                                                                                   \
+  INLINE void behind##COUNT(V *restrict r1, V *restrict r2, const V *restrict v1, const V *restrict v2, \
+                            V *restrict c, Reflector one, Reflector two, V v1v2, int rows) {            \
+    V d1[COUNT], d2[COUNT];                                                                             \
+    for (int k = 0; k < COUNT; k++) d1[k] = one.u * r1[k], d2[k] = two.u * r2[k];                       \
+    for (int i = 0; i < rows; i++) {                                                                    \
+      V a = v1[i], b = v2[i];                                                                           \
+      KEEP(a);                                                                                          \
+      KEEP(b);                                                                                          \
+      for (int k = 0; k < COUNT; k++) {                                                                 \
+        V e = c[k * K + i];                                                                             \
+        KEEP(e);                                                                                        \
+        d1[k] += a * e;                                                                                 \
+        d2[k] += b * e;                                                                                 \
+      }                                                                                                 \
+    }                                                                                                   \
+    for (int k = 0; k < COUNT; k++) {                                                                   \
+      d1[k] = one.tau * d1[k];                                                                          \
+      d2[k] = two.tau * (d2[k] - d1[k] * v1v2);                                                         \
+      r1[k] -= d1[k] * one.u;                                                                           \
+      r2[k] -= d2[k] * two.u;                                                                           \
+    }                                                                                                   \
+    for (int i = 0; i < rows; i++) {                                                                    \
+      V a = v1[i], b = v2[i];                                                                           \
+      KEEP(a);                                                                                          \
+      KEEP(b);                                                                                          \
+      for (int k = 0; k < COUNT; k++) c[k * K + i] = c[k * K + i] - d1[k] * a - d2[k] * b;              \
+    }                                                                                                   \
   }
 BEHIND(4)
 BEHIND(2)

@@ -13,8 +13,10 @@ from symcal.trials.judge import COLUMNS
 from symcal.trials.machine import Machine
 from symcal.trials.store import Store
 
-_LENGTHS = ("before_rms", "mean", "rms", "p95", "max", "foretold_rms", "found_rms")
-_LENGTHS += ("measured_mean", "measured_rms", "measured_p95", "measured_max")
+_LENGTHS = (
+    *("before_rms", "mean", "rms", "p95", "max", "foretold_rms", "found_rms"),
+    *("measured_mean", "measured_rms", "measured_p95", "measured_max"),
+)
 _CHUNK = 100_000  # rows that are held at once
 
 

@@ -146,10 +146,10 @@ def need_figure(content: Content, store: Store) -> Illustration:
                 _bars(right, own, axis, "median", look)
             else:
                 x = [cell["shown"][axis] for cell in own]
-                share = np.array([[cell["within"][b] for b in ("share", "low", "high")] for cell in own]).T * 100
-                right.errorbar(x, share[0], [share[0] - share[1], share[2] - share[0]], capsize=1.5, **look)
+                held = np.array([[cell["within"][b] for b in ("share", "low", "high")] for cell in own]).T * 100
+                right.errorbar(x, held[0], [held[0] - held[1], held[2] - held[0]], capsize=1.5, **look)
         share = f"{100 * question['share']:g}"
-        words = _axis_words(axis, content)
+        words = _axis_words(axis)
         left.set(xlabel=words, ylabel=f"{share} % of the trials are below / mm", ylim=(0, None))
         right.set(xlabel=words)
         if tolerance is None:
@@ -162,13 +162,13 @@ def need_figure(content: Content, store: Store) -> Illustration:
             grid(panel)
         if len(keys) > 1:
             figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=min(len(keys), 3))
-    limits = (
-        "" if tolerance is None else f" Dashed: the tolerance of {number(tolerance)} mm, and {share} % of the trials."
+    dashed = (
+        "" if tolerance is None else f" Dashed: the tolerance, {number(tolerance)} mm, and {share} % of the trials."
     )
     second = "the median" if tolerance is None else "the share of the trials within the tolerance"
     caption = (
         f"The {_name(content)} that {share} % of the trials stay below, by {words} (left), and {second} (right); bars "
-        f"are 95 % confidence intervals.{limits} " + " ".join(f"{answer['text']}." for answer in content["answers"][:2])
+        f"are 95 % confidence intervals.{dashed} " + " ".join(f"{answer['text']}." for answer in content["answers"][:2])
     )
     return Illustration(settle(figure), "need", f"What {words} bring".replace("number of ", ""), caption)
 
@@ -177,7 +177,7 @@ def _is_number(content: Content, axis: str) -> bool:
     return axis in content["varied"] and isinstance(content["cells"][0]["shown"][axis], int | float)
 
 
-def _axis_words(axis: str, content: Content) -> str:
+def _axis_words(axis: str) -> str:
     if axis.startswith("noise_"):
         return f"{axis.removeprefix('noise_')} noise, as the file has it"
     return {"poses": "number of poses", "size": "factor on the true errors"}[axis]
@@ -236,7 +236,7 @@ def coverage_figure(content: Content) -> Illustration:
     """Whether stated 95 % intervals hold the truth in 95 % of the trials, and foretold errors are those found."""
     cells = [cell for cell in content["cells"] if cell["coverage"]]
     names = list(dict.fromkeys(name for cell in cells for name in cell["coverage"]["parameters"]))
-    entries = [("position", _pooled([c["coverage"]["position"] for c in cells]), True)]
+    entries: list[tuple[str, Share, bool]] = [("position", _pooled([c["coverage"]["position"] for c in cells]), True)]
     for name in names:
         own = [c["coverage"]["parameters"][name] for c in cells if name in c["coverage"]["parameters"]]
         told, untold = _pooled([o["held"] for o in own]), _pooled([o["held_untold"] for o in own])
@@ -245,11 +245,11 @@ def coverage_figure(content: Content) -> Illustration:
         figure = sheet(WIDE, 62)
         left, right = figure.subplots(1, 2, width_ratios=[1.7, 1])
         left.axhline(95, color=INK, linewidth=0.8, linestyle="--")
-        for i, (_, share, told) in enumerate(entries):
+        for i, (_, share, full) in enumerate(entries):
             if not share.of:
                 continue
             bars = [[100 * (share.value - share.low)], [100 * (share.high - share.value)]]
-            fill = BLUE if told else "white"
+            fill = BLUE if full else "white"
             left.errorbar(i, 100 * share.value, bars, marker="o", color=BLUE, markerfacecolor=fill, capsize=1.5)
         left.set_xticks(
             range(len(entries)), [symbol(n) if n != "position" else n for n, *_ in entries], rotation=90, fontsize=5.5

@@ -42,7 +42,7 @@ def run_locally(digest: str, data: bytes, shards: Iterable[Shard], workers: int)
         for _ in range(min(workers, len(waiting))):
             ours, theirs = context.Pipe()
             forked = [*pipes, ours] if copied else []
-            process = context.Process(target=_work, args=(theirs, forked, digest, data), daemon=True)
+            process: BaseProcess = context.Process(target=_work, args=(theirs, forked, digest, data), daemon=True)
             process.start()
             theirs.close()
             pipes.append(ours)

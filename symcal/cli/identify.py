@@ -70,7 +70,7 @@ def validate(
 
 
 def check(
-    file: Annotated[Path, typer.Argument(metavar="FILE.yaml", help="robot, calibrated robot or experiment")],
+    file: Annotated[Path, typer.Argument(metavar="FILE.yaml", help="robot, calibrated robot, experiment or study")],
 ) -> None:
     """Validate a file; print the model and what is identifiable."""
     from symcal.documents.document import read_document
@@ -79,7 +79,14 @@ def check(
     from symcal.runs.data import describe_data
     from symcal.runs.load import load
 
-    if "links" in read_document(file).data:
+    data_of = read_document(file).data
+    if data_of.get("kind") == "study":
+        from symcal.trials.check import check_study
+
+        for line in check_study(file):
+            terminal.output().print(escape(line))
+        return
+    if "links" in data_of:
         robot = load_robot(file)
         found, data = check_robot(robot), tuple[str, ...]()
     else:

@@ -56,6 +56,8 @@ def load_experiment(path: Path | str, overrides: Sequence[str] = ()) -> tuple[Ex
     document = read_document(path)
     if "links" in document.data:
         raise InputError("this is a robot file: an experiment, which names a robot, is needed here", file=path, line=1)
+    if document.data.get("kind") == "study":
+        raise InputError("this is a study, which repeats an experiment: 'symcal study' runs it", file=path, line=1)
     for override in overrides:
         document = overridden(document, override)
     return validate(document, experiment_type()), document

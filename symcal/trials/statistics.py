@@ -47,7 +47,9 @@ def quantile(values: Array, share: float) -> Quantile:
     place = share * (count - 1)
     low = int(place)
     high = min(low + 1, count - 1)
-    value = values[low] if low == high or place == low else values[low] + (place - low) * (values[high] - values[low])
+    value = values[low]
+    if place > low:
+        value = np.inf if np.isinf(values[high]) else value + (place - low) * (values[high] - value)
     first, last = _binomial(count, share, (1 - CONFIDENCE) / 2), _binomial(count, share, (1 + CONFIDENCE) / 2) + 1
     return Quantile(
         float(value),

@@ -4,14 +4,15 @@
     cells   (cell, shown)           what differs, as JSON
     trials  (trial, cell, status, reason, numbers ...)
 
-One process writes, in write-ahead mode; a transaction is a few shards. A finished study's file is closed in the plain
-mode, so that looking into it changes no byte of it.
+One process writes, in write-ahead mode; a transaction is a few shards. A finished study's file is a copy in the
+plain mode, so that looking into it changes no byte of it.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import shutil
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -125,9 +126,19 @@ class Store:
         )
         return [(str(reason), int(count)) for reason, count in self._connection.execute(query, (cell, OK))]
 
-    def settle(self) -> None:
-        """Bring all into the one file."""
-        self._connection.execute("PRAGMA journal_mode = DELETE")
+    def copy(self, path: Path) -> None:
+        """All of it as one new file in the plain mode, whoever looks into this one meanwhile.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        try:
+            if self._connection.execute("PRAGMA journal_mode").fetchone()[0] == "wal":
+                self._connection.execute("VACUUM INTO ?", (str(path),))
+            else:  # of a finished study: as it is
+                shutil.copyfile(self.path, path)
+        except (OSError, sqlite3.Error) as error:
+            raise InputError(f"the state of the study cannot be written: {error}", file=path) from None
 
     def close(self) -> None:
         self._connection.close()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -95,7 +94,6 @@ def run_study(
                 f"interrupted: {store.count()} of {description.trials} trials are kept in {target}; the same command "
                 "goes on from there"
             ) from None
-        store.settle()
         return target, _written(study, description, store, computing.machine, target, execution, report, progress)
 
 
@@ -236,8 +234,5 @@ def _written(
     progress("summarising")
     with run_folder(target, study.inputs, BESIDE) as folder:
         content = write(study, description, store, machine, folder, execution.parquet, report, progress)
-        try:
-            os.link(target / STATE, folder / STATE)
-        except OSError:  # where there are no links
-            shutil.copy2(target / STATE, folder / STATE)
+        store.copy(folder / STATE)
     return content

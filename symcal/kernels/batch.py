@@ -1,9 +1,9 @@
 """Evaluate a CasADi function at many points at once: compiled C, straight-line numpy, or CasADi's virtual machine.
 
-All do the same arithmetic and agree to rounding (about 1e-13 relative), not bit for bit. Which one runs is decided when
-a `BatchFunction` is made, from the arguments, SYMCAL_KERNELS and the presence of a compiler alone (see
-`symcal.kernels.path`); never from the state of a cache or in the middle of a job. So the same job gives the same bits on
-the same machine, from its first run on. And a row's result depends on that row alone, not on N or on its neighbours.
+All do the same arithmetic and agree to rounding (about 1e-13 relative), not bit for bit. Which one runs is decided
+when a `BatchFunction` is made, from the arguments, SYMCAL_KERNELS and the presence of a compiler alone (see
+`symcal.kernels.path`); never from the state of a cache or in the middle of a job. So the same job gives the same bits
+on the same machine, from its first run on. And a row's result depends on that row alone, not on N or its neighbours.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _KEPT = 256  # plans; one has some hundred bytes
 
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """What follows from the shapes of arguments: the number of rows, whether there is one, and the shapes of results."""
+    """What follows from the shapes of arguments: the number of rows, whether there are any, the shapes of results."""
 
     rows: int
     many: bool
@@ -105,10 +105,7 @@ class BatchFunction:
         """
         arrays = [np.ascontiguousarray(arg, _FLOAT) for arg in args]
         plan = self._plans.get(tuple([array.shape for array in arrays])) or self._planned(arrays)
-        if out is None:
-            results = [np.empty(shape) for shape in plan.shapes]
-        else:
-            results = self._given(plan, arrays, out)
+        results = [np.empty(shape) for shape in plan.shapes] if out is None else self._given(plan, arrays, out)
         if plan.rows:
             plan.run(plan.rows, arrays, results)
         return tuple(results) if plan.many else tuple([result[0] for result in results])
@@ -171,9 +168,10 @@ class BatchFunction:
         wanted = [shape if plan.many else shape[1:] for shape in plan.shapes]
         found = [getattr(array, "shape", None) for array in out]
         if found != wanted:
-            raise InputError(f"'{self.function.name()}' cannot fill these arrays", key="out", found=found, allowed=wanted)
+            message = f"'{self.function.name()}' cannot fill arrays of these shapes"
+            raise InputError(message, key="out", found=found, allowed=map(str, wanted))
         for array in out:
-            if array.dtype != _FLOAT or not array.flags.c_contiguous or not array.flags.writeable:
+            if array.dtype != _FLOAT or not array.flags.carray:
                 raise InputError("arrays to be filled must be float64, C-contiguous and writeable", key="out")
             if any(np.may_share_memory(array, argument) for argument in arrays):
                 raise InputError("an array to be filled shares memory with an argument", key="out")
@@ -185,8 +183,8 @@ def batch_function(function: ca.Function, *, backend: Choice = "auto", evaluatio
 
     Args:
         function: any function that can be expanded to SX; sparse inputs and outputs become dense.
-        backend: see `symcal.kernels.path.chosen_kind`; `auto` is the environment's SYMCAL_KERNELS if set. What cannot be
-            written as a program runs in CasADi's virtual machine, and the log says so.
+        backend: see `symcal.kernels.path.chosen_kind`; `auto` is the environment's SYMCAL_KERNELS if set. What cannot
+            be written as a program runs in CasADi's virtual machine, and the log says so.
         evaluations: how many rows will be evaluated in all, if known. Give a number that follows from the job alone, so
             that its results repeat.
     Raises:

@@ -29,7 +29,7 @@ from symcal.outputs.whole_file import flush_path
 logger = logging.getLogger(__name__)
 
 # Never -ffast-math: it links start-up code that turns on flush-to-zero for the whole Python process.
-FLAGS = ("-std=gnu11", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-fno-sanitize=undefined", "-Wno-psabi")
+FLAGS = ("-std=gnu11", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-Wno-psabi", "-fno-sanitize=all")
 NATIVE = ("-march=native", "-ffp-contract=fast")
 # A product and a sum rounded one after the other, everywhere alike; no use of what only some processors have.
 PORTABLE = ("-ffp-contract=off",)

@@ -59,7 +59,7 @@ class Compiler:
     def name(self) -> str:
         """The first line of what it calls itself."""
         first = next(iter(self.version.strip().splitlines()), "") or Path(self.command[0]).name
-        return f"zig's {first}" if self.bundled else first
+        return f"zig's {first.partition(' (')[0]}" if self.bundled else first
 
     @property
     def portable(self) -> tuple[str, ...]:
@@ -109,7 +109,7 @@ def _find_compiler(cc: str, path: str) -> Compiler | None:
 
 
 def _bundled() -> Compiler | None:
-    """Zig's C compiler. Its program is started, not `python -m ziglang`: that would look in the current folder first."""
+    """Zig's C compiler; its program itself, since `python -m ziglang` would look in the current folder first."""
     spec = find_spec("ziglang")
     if spec is None or spec.origin is None:
         return None

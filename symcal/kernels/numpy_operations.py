@@ -138,7 +138,7 @@ ROUNDED: dict[str, Callable[..., Array]] = {
     "log1p": np.log1p,
     "erf": _chosen(_erf),
     "atan2": np.arctan2,
-    "pow": np.power,
+    "pow": np.float_power,  # `power` takes a root where the exponent is one half, and so -inf for NaN
     "fmod": np.fmod,
     "hypot": np.hypot,
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import os
 import platform
@@ -15,7 +16,7 @@ import numpy as np
 
 from symcal.errors import InputError
 from symcal.kernels.compile import NATIVE, processor
-from symcal.kernels.compiler import Compiler, CompilerError, VERSION_TIMEOUT_S, find_compiler, output_of
+from symcal.kernels.compiler import VERSION_TIMEOUT_S, Compiler, CompilerError, find_compiler, output_of
 
 logger = logging.getLogger(__name__)
 
@@ -29,7 +30,7 @@ CHOICES: tuple[Choice, ...] = ("auto", "c", "numpy", "vm", "portable")
 WORTH_COMPILING = 50_000
 WORTH_WRITING = 2_000
 
-SLOWER = 20
+SLOWER = 15
 """How many times slower than C numpy is, about: position and Jacobian of the handling robot, 1000 rows. Measured by
 `python tests/kernels/speed.py c,numpy`, which compares all paths in one process and can be run again."""
 
@@ -47,7 +48,8 @@ class KernelPath:
     """On what the numbers of a job with many evaluations are made.
 
     backend: `c`, `numpy` or `vm`. portable: whether this is the portable level. compiler: what it calls itself, empty
-    without. instructions: what the processor is asked for. processor: its name. libraries: versions of what computes.
+    without. instructions: what the processor is asked for. processor: its name, and a hash of what it can do.
+    libraries: versions of what computes.
     """
 
     backend: str
@@ -106,12 +108,12 @@ def chosen_kind(choice: Choice, evaluations: int | None) -> Kind:
 def path_in_use(choice: Choice = "auto") -> KernelPath:
     """What a job with many evaluations runs on, in this process as it is now; short ones may run on less.
 
-    At the portable level (SYMCAL_KERNELS=portable) every operation is rounded on its own, nothing is used that only some
-    processors of a kind have, and sines and cosines are our own, in C and in numpy alike: so kernels give the same bits
-    on every x86-64 machine, with any compiler or none. What is not covered: functions that are left to the C library
-    or to numpy (arcs, exponentials, logarithms, powers, sines beyond 1e5 rad), constants that CasADi computed while a
-    model was built, and linear algebra behind the kernels, which LAPACK does as its processor is best at
-    (OPENBLAS_CORETYPE fixes that). It is about half as fast as C for this processor.
+    At the portable level (SYMCAL_KERNELS=portable) every operation is rounded on its own, nothing is used that only
+    some processors of a kind have, and sines and cosines are our own, in C and in numpy alike: so kernels give the
+    same bits on every x86-64 machine, with any compiler or none. What is not covered: functions that are left to the C
+    library or to numpy (arcs, exponentials, logarithms, powers, sines beyond 1e5 rad), functions that have no program
+    and run in the virtual machine, constants that CasADi computed while a model was built, and linear algebra behind
+    the kernels, which LAPACK does as its processor is best at (OPENBLAS_CORETYPE fixes that).
 
     Args:
         choice: as in `chosen_kind`.
@@ -163,14 +165,15 @@ def _instructions(compiler: Compiler | None, kind: Kind) -> str:
         logger.info("%s", error)
         return "unknown instructions"
     macros = {line.split()[1] for line in said.splitlines() if line.startswith("#define ")}
-    known = [name for name in ("AVX512F", "AVX2", "AVX", "FMA", "SSE2", "ARM_NEON") if f"__{name}__" in macros or f"__{name}" in macros]
+    known = [name for name in ("AVX512F", "AVX2", "FMA", "SSE2", "ARM_NEON") if {f"__{name}", f"__{name}__"} & macros]
     return f"{8 if 'AVX512F' in known else 4} lanes" + "".join(f", {name}" for name in known)
 
 
 @cache
 def _processor_name() -> str:
     names = [line.partition(":")[2].strip() for line in processor().splitlines() if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()
+    name = names[0] if names else platform.processor() or platform.machine()
+    return f"{name} ({hashlib.sha256(processor().encode()).hexdigest()[:8]})"
 
 
 @cache

@@ -24,7 +24,7 @@ from symcal.kernels.numpy_operations import EXACT, ROUNDED, sincos
 Array = NDArray[np.float64]
 Run = Callable[[int, list[Array], list[Array]], None]
 
-BLOCK = 2048  # rows at once: enough to hide the cost of a call, few enough for the values to stay in a cache
+BLOCK = 4096  # rows at once: enough to hide what a call costs; a value takes 32 kB
 _WHOLE = 16  # elements: two of the longest vectors there are
 _SAME = ("assign", "lift")
 _REWRITTEN = {"sq": "mul", "twice": "add", "inv": "div"}
@@ -143,8 +143,8 @@ def _written(program: Program, batched: tuple[bool, ...], portable: bool) -> _Te
     operands = _operands(program)
     last = {a: k for k, args in enumerate(operands) for a in args}
     uses = Counter(a for args in operands for a in args)
-    stores = [(k, i, args[0]) for k, (i, args) in enumerate(zip(program.instructions, operands, strict=True)) if isinstance(i, Store)]
-    straight_to = {value: f"o{i.port}e{i.element}" for _, i, value in stores if uses[value] == 1}
+    stores = [(i, args[0]) for i, args in zip(program.instructions, operands, strict=True) if isinstance(i, Store)]
+    straight_to = {value: f"o{i.port}e{i.element}" for i, value in stores if uses[value] == 1}
     text = _Text(program, batched)
     names: dict[int, str] = {}  # by the instruction that makes the value
     sines: dict[int, str] = {}  # where our own sine and cosine of a value are

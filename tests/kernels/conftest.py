@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from symcal.kernels import path
+
 
 @pytest.fixture(scope="session", autouse=True)
 def kernel_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
@@ -20,6 +22,7 @@ def kernel_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 @pytest.fixture(autouse=True)
 def same_environment() -> Iterator[None]:
     before = dict(os.environ)
+    path._say_once.cache_clear()
     yield
     os.environ.clear()
     os.environ.update(before)

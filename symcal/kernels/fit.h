@@ -2,8 +2,10 @@
 
    |prior x|^2 + |w (h(q, x) - z)|^2 -> min, by damped steps from triangles that all rows were taken into (householder.h).
    The first trial of a step is undamped; one that does not lower the cost is tried again with 1e-3, 1e-2, ... on the
-   scaled unknowns. A lane has converged when the linear model promises no more than a share `small` of the cost: the
-   promised step is then made without looking. Or when an accepted step gained no more than that.
+   scaled unknowns. A lane has converged when the linear model, for what it promises, can be wrong by no more than a share
+   `small` of the cost: the promised step is then made without looking. Its error is taken to be the promise times the
+   ratio of this step to the last one, which is how fast undamped steps converge. Or a lane has converged when an
+   accepted step gained no more than that share.
    What a lane has found no longer changes, whatever its neighbours still do. */
 
 enum { CONVERGED = 0, TOO_MANY = 1, NOT_FINITE = 2 };
@@ -103,7 +105,7 @@ static void fit_lanes(const Job *job, const ptrdiff_t *who, int real, const doub
   const ptrdiff_t n = job->poses;
   const V half = v_all(0.5), none = v_all(0.0);
   V x[NX], trial[NX], step[NF], damped[NF], held[NC * NC], fresh[NC * NC];
-  V cost = v_inf, damping = none, steps = v_all(-1.0), tried = none, end = v_all(TOO_MANY);
+  V cost = v_inf, damping = none, promise = none, steps = v_all(-1.0), tried = none, end = v_all(TOO_MANY);
   M active = m_all(-1);
   for (ptrdiff_t i = 0; i < n; i++) {
     reading_values(job, who, i, shared, by_pose + i * BY_POSE, by_reading + i * BY_READING);
@@ -130,6 +132,7 @@ static void fit_lanes(const Job *job, const ptrdiff_t *who, int real, const doub
     for (int k = 0; k < NX; k++) x[k] = v_if(better, trial[k], x[k]);
     for (int j = 0; j < NF; j++)
       for (int c = j; c < NC; c++) held[j * NC + c] = v_if(better, fresh[j * NC + c], held[j * NC + c]);
+    const M plain = (M)(damping == none);
     const V less = damping * v_all(0.1), more = damping * v_all(10.0);
     const V failed = v_if((M)(more > v_all(FIRST_DAMPING)), more, v_all(FIRST_DAMPING));
     damping = v_if(better, v_if((M)(less > v_all(LEAST_DAMPING)), less, none), failed);
@@ -137,7 +140,9 @@ static void fit_lanes(const Job *job, const ptrdiff_t *who, int real, const doub
     for (int j = 0; j < NF; j++) gain += held[j * NC + NF] * held[j * NC + NF];
     gain = half * gain;
     const V enough = v_all(job->small) * cost + v_all(job->nothing);
-    const M last = better & (M)(gain <= enough);
+    const V ratio = v_if(plain, v_fmin(v_root(gain / promise), v_all(1.0)), v_all(1.0));
+    const M last = better & (M)(gain * ratio <= enough);
+    promise = v_if(better, gain, promise);
     cost = v_if(last, cost - gain, cost);
     M stop = last | settled;
     const M slow = active & ~stop & (M)(damping > none);

@@ -17,7 +17,7 @@ from symcal.kernels.instructions import Program
 Array = NDArray[np.float64]
 
 _LONG = 3000
-"""More instructions than this would keep a compiler busy for seconds at -O3."""
+"""More instructions than this would keep a compiler busy for seconds at -O2."""
 
 
 class _Job(ctypes.Structure):
@@ -113,7 +113,7 @@ def fit_kernel(program: Program, layout: Layout, known: Program | None = None) -
         program, layout, known: see `fit_source`.
     """
     library = load_library(
-        fit_source(program, layout, known), "-O3" if len(program.instructions) < _LONG else "-O1", ENTRY
+        fit_source(program, layout, known), "-O2" if len(program.instructions) < _LONG else "-O1", ENTRY
     )
     if library is None:
         return None

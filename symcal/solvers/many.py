@@ -52,7 +52,7 @@ def minimise_many(
     """
     count, n = start.shape
     x, trial = start.copy(), start.copy()
-    cost, damping = np.full(count, np.inf), np.zeros(count)
+    cost, damping, promise = np.full(count, np.inf), np.zeros(count), np.zeros(count)
     steps, tried = np.full(count, -1, dtype=np.int64), np.zeros(count, dtype=np.int64)
     triangles = np.zeros((count, n, n + 1))
     finite, converged = np.ones(count, dtype=np.bool_), np.zeros(count, dtype=np.bool_)
@@ -63,7 +63,8 @@ def minimise_many(
         system = rows(active, trial[active])
         usable = np.isfinite(system).all(axis=(1, 2))
         system[~usable] = 0.0
-        now = np.where(usable, 0.5 * np.sum(system[:, :, -1] ** 2, axis=1), np.inf)
+        with np.errstate(over="ignore"):  # infinitely bad then
+            now = np.where(usable, 0.5 * np.sum(system[:, :, -1] ** 2, axis=1), np.inf)
         fresh = np.asarray(np.linalg.qr(system, mode="r"))[:, :n]
         before = cost[active]
         better = now < before
@@ -74,17 +75,21 @@ def minimise_many(
         x[went_on], cost[went_on], triangles[went_on] = trial[went_on], now[better], fresh[better]
         settled = better & np.isfinite(before)
         settled[settled] &= before[settled] - now[settled] <= small * before[settled]
+        plain = damping[active] == 0
         less, more = damping[active] * 0.1, damping[active] * 10.0
         damping[active] = np.where(better, np.where(less > _LEAST_DAMPING, less, 0.0), np.maximum(more, _FIRST_DAMPING))
         kept = finite[active]
-        active, better, settled = active[kept], better[kept], settled[kept]
+        active, better, settled, plain = active[kept], better[kept], settled[kept], plain[kept]
         if not active.size:
             break
         held = triangles[active]
         gain = 0.5 * np.sum(held[:, :, n] ** 2, axis=1)
         step = _steps(held)
         enough = small * cost[active] + nothing
-        last = better & (gain <= enough)
+        with np.errstate(divide="ignore", invalid="ignore"):  # nothing was promised before the first step
+            ratio = np.where(plain, np.fmin(np.sqrt(gain / promise[active]), 1.0), 1.0)
+        last = better & (gain * ratio <= enough)
+        promise[active[better]] = gain[better]
         x[active[last]] += step[last]
         cost[active[last]] -= gain[last]
         stop = last | settled

@@ -10,8 +10,8 @@ from study_case import outcome
 
 from symcal.data.dataset import Dataset, readings
 from symcal.fit.estimation import Options, fit
-from symcal.fit.residual_rows import rows_of
 from symcal.fit.many import fit_many
+from symcal.fit.residual_rows import rows_of
 from symcal.paper.mirror import canonical
 from symcal.paper.repetitions import cramer_rao, judge, measure
 from symcal.paper.setting import positions

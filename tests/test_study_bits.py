@@ -1,4 +1,4 @@
-"""A study has the same bits for any number of workers, shards and interruptions; and it is kept or refused as a whole."""
+"""A study has the same bits for any number of workers, shards and interruptions; it is kept or refused whole."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import json
 import signal
 import sqlite3
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -48,7 +49,7 @@ def test_shards_do_not_matter(small, rng):
     pieces = []
     for cell in range(4):
         cuts = sorted({0, 40, *rng.integers(1, 40, 5).tolist()})
-        pieces += [range(40 * cell + a, 40 * cell + b) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+        pieces += [range(40 * cell + a, 40 * cell + b) for a, b in pairwise(cuts)]
     shuffled = [r for i in rng.permutation(len(pieces)) for r in run_trials(description, pieces[i])]
     assert sorted(shuffled, key=lambda r: r.trial) == whole
 

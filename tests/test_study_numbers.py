@@ -1,4 +1,4 @@
-"""Numbers of trials against other means: SciPy's fits, `simulate`, laws of statistics, the identification of one set."""
+"""Numbers of trials against other means: SciPy, `simulate`, laws of statistics, the identification of one set."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def content(path: Path, out: Path) -> dict:
     return json.loads((out / "results.json").read_text())
 
 
-def test_each_trial_draws_from_its_own_stream(tmp_path, configs):
+def test_each_trial_draws_from_its_own_stream(tmp_path):
     """Errors, poses, noise in this order from SeedSequence(seed, spawn_key=(trial,)), as NumPy draws them."""
     description, setting = loaded(write_study(tmp_path, vary="{poses: 9, errors: drawn}"))
     drawn = draw(description, setting, description.cells[0], [3, 17])

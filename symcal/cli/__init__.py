@@ -12,9 +12,10 @@ from symcal.cli.identify import check, identify, run, validate
 from symcal.cli.images import board, camera, measure
 from symcal.cli.plan import plan
 from symcal.cli.stdout import named_stdout, silence
+from symcal.cli.study import study
 from symcal.errors import SymcalError, printable
 
-for command in (run, plan, board, camera, measure, identify, check, validate, compare, compensate, export):
+for command in (run, study, plan, board, camera, measure, identify, check, validate, compare, compensate, export):
     app.command()(command)
 app.command("import")(import_)
 app.command()(schema)

@@ -118,16 +118,17 @@ def import_(
 
 
 def schema(
-    kind: Annotated[str, typer.Argument(help="experiment or robot")] = "experiment",
+    kind: Annotated[str, typer.Argument(help="experiment, robot or study")] = "experiment",
 ) -> None:
     """Print the JSON Schema of a file, for editors that complete it."""
     import json
 
     from symcal.config.experiment import experiment_type
+    from symcal.config.trials import StudyFile
     from symcal.errors import InputError
     from symcal.robot.schema import RobotFile
 
-    models: dict[str, Any] = {"experiment": experiment_type(), "robot": RobotFile}
+    models: dict[str, Any] = {"experiment": experiment_type(), "robot": RobotFile, "study": StudyFile}
     if kind not in models:
         raise InputError("no such schema", found=kind, allowed=models)
     typer.echo(json.dumps(models[kind].model_json_schema(), indent=2))

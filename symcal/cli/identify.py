@@ -79,7 +79,7 @@ def validate(
 
 
 def check(
-    file: Annotated[Path, typer.Argument(metavar="FILE.yaml", help="robot, calibrated robot or experiment")],
+    file: Annotated[Path, typer.Argument(metavar="FILE.yaml", help="robot, calibrated robot, experiment or study")],
 ) -> None:
     """Validate a file; print the model and what is identifiable."""
     from symcal.cli import terminal
@@ -91,6 +91,12 @@ def check(
     from symcal.runs.data import describe_data
     from symcal.runs.load import load
 
+    if document.data.get("kind") == "study":
+        from symcal.trials.check import check_study
+
+        for line in check_study(file):
+            terminal.output().print(escape(line))
+        return
     if "links" in document.data:
         robot = load_robot(file)
         found, data = check_robot(robot), tuple[str, ...]()

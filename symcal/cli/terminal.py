@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -20,6 +21,38 @@ def spinner(quiet: bool) -> Iterator[Callable[[str], None]]:
         return
     with console.status("starting") as status:
         yield lambda step: status.update(escape(step))
+
+
+@contextmanager
+def trial_progress(quiet: bool) -> Iterator[tuple[Callable[[str], None], Callable[[int, int], None]]]:
+    """A bar with the rate and the time that is left; nothing when not a terminal or quiet.
+
+    It has no thread of its own: the process may be copied while it is shown.
+    """
+    console = Console(stderr=True)
+    if quiet or not console.is_terminal:
+        yield (lambda _: None), (lambda _, __: None)
+        return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f}/{task.total:.0f} trials{task.fields[rate]}"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, auto_refresh=False, transient=True) as bar:
+        task = bar.add_task("starting", total=1, rate="")
+        began: list[tuple[float, int]] = []
+
+        def advance(done: int, total: int) -> None:
+            now = time.monotonic()
+            began.append((now, done)) if not began else None
+            seconds = now - began[0][0]
+            rate = f", {(done - began[0][1]) / seconds:.3g}/s" if seconds > 0 else ""
+            bar.update(task, completed=done, total=total, rate=rate, refresh=True)
+
+        yield (lambda step: bar.update(task, description=escape(step), refresh=True)), advance
 
 
 def output() -> Console:
@@ -59,6 +92,37 @@ def print_measured(measured: Any) -> None:
         console.print(f"not measured: {escape(name)}: {escape(reason)}")
     for note in measured.notes:
         console.print(f"[bold]warning:[/bold] {escape(note)}")
+
+
+def print_trials(content: Any) -> None:
+    """The cells of a study, what it answers, and what to be careful with."""
+    from symcal.trials.need import OF, label
+
+    console, asked = output(), content["question"]
+    share = f"{100 * asked['share']:g} %"
+    heads = ("cell", "trials", f"{OF[asked['of']]}, median mm", f"in {share} at most mm", "95 % sure")
+    table = Table(*heads, *(["within"] if asked["tolerance_mm"] is not None else []), box=None, pad_edge=False)
+    for cell in content["cells"][:_CELLS]:
+        found = cell["judged_mm"]["at_share"]
+        shown = ["-" if found[key] is None else f"{found[key]:.4g}" for key in ("value", "low", "high")]
+        median = cell["judged_mm"]["median"]["value"]
+        cells = [label(cell, content["varied"]), str(cell["trials"]["ok"])]
+        cells += ["-" if median is None else f"{median:.4g}", shown[0], f"{shown[1]} .. {shown[2]}"]
+        within = cell["within"]
+        table.add_row(*map(escape, cells), *([f"{100 * within['share']:.1f} %"] if within else []))
+    console.print(table)
+    if len(content["cells"]) > _CELLS:
+        console.print(f"and {len(content['cells']) - _CELLS} cells more, in results.json")
+    for answer in content["answers"][:_CELLS]:
+        console.print(escape(answer["text"]))
+    path, machine = content["identification"], content["machine"]
+    because = f" because {path['because']}" if path["because"] else ""
+    console.print(escape(f"identified {path['path']}{because}; {machine['kernels']} on {machine['processor']}"))
+    for warning in content["warnings"]:
+        console.print(f"[bold]warning:[/bold] {escape(warning)}")
+
+
+_CELLS = 40
 
 
 def print_study(content: Any) -> None:

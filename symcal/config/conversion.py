@@ -56,12 +56,19 @@ def load_experiment(path: Path | str, overrides: Sequence[str] = ()) -> tuple[Ex
     document = read_document(path)
     if "links" in document.data:
         raise InputError("this is a robot file: an experiment, which names a robot, is needed here", file=path, line=1)
+    if document.data.get("kind") == "study":
+        raise InputError("this is a study, which repeats an experiment: 'symcal study' runs it", file=path, line=1)
     for override in overrides:
-        document = _override(document, override)
+        document = overridden(document, override)
     return validate(document, experiment_type()), document
 
 
-def _override(document: Document, text: str) -> Document:
+def overridden(document: Document, text: str) -> Document:
+    """A document with one `key.path=value` of `--set`.
+
+    Raises:
+        InputError: it is not of this form, or the value is not YAML.
+    """
     key, equals, value = text.partition("=")
     parts: Key = tuple(key.strip().split("."))
     if not equals or not all(parts):

@@ -67,7 +67,7 @@ def compare_instruments(
 def _judged(
     file: ExperimentFile, model: Model, problem: PlanProblem, poses: Array, names: Sequence[str]
 ) -> InstrumentSet:
-    task = _only(model.task, names)
+    task = only_instruments(model.task, names)
     try:
         own = build_model(model.robot, task)
         info = pose_information(
@@ -95,7 +95,7 @@ def _judged(
     )
 
 
-def _only(task: Task, names: Sequence[str]) -> Task:
+def only_instruments(task: Task, names: Sequence[str]) -> Task:
     """The task without the other instruments, and without what is said of parameters that go with them."""
     own = replace(task.observed(o for o in task.observations if o.of in names), fix=(), scales={}, priors={})
     kept = {name for o in own.observations for name in o.names}

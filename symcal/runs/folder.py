@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import stat
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -22,13 +22,14 @@ CODE = "c"
 _NAMED = 3  # files in a message
 
 
-def require_replaceable(target: Path, inputs: Iterable[Path] = ()) -> None:
+def require_replaceable(target: Path, inputs: Iterable[Path] = (), own: Collection[str] = ()) -> None:
     """Refuse early, before the work is done, what `run_folder` would not replace.
 
     What killed runs left beside the target is mended before what is in it is looked at.
 
     Args:
-        inputs: files and folders that the run reads.
+        inputs: files and folders that the run reads. own: names of files in the folder that are the run's working
+            state, and are carried over by it.
     Raises:
         RefusedError: the target is a file, a link or where a file system is mounted, holds an input, or holds a file
             that no run made or that was changed since: by its manifest.json. A folder without one (of an earlier
@@ -37,7 +38,7 @@ def require_replaceable(target: Path, inputs: Iterable[Path] = ()) -> None:
     """
     _require_possible(target, inputs)
     recover(target)
-    _refuse_foreign(absolute(target), target)
+    _refuse_foreign(absolute(target), target, own)
 
 
 def _require_possible(target: Path, inputs: Iterable[Path]) -> None:
@@ -66,16 +67,19 @@ def _require_possible(target: Path, inputs: Iterable[Path]) -> None:
 
 
 @contextmanager
-def run_folder(target: Path, inputs: Iterable[Path] = ()) -> Iterator[Path]:
+def run_folder(target: Path, inputs: Iterable[Path] = (), own: Collection[str] = ()) -> Iterator[Path]:
     """A fresh folder to write into; it becomes ``target`` when the block ends well, and vanishes when it does not.
 
     Its manifest.json lists what was written. See `symcal.outputs.whole_folder`.
+
+    Args:
+        inputs, own: as of `require_replaceable`.
 
     Raises:
         RefusedError, InputError: as `require_replaceable`; the folder cannot be written.
     """
     _require_possible(target, inputs)
-    with whole_folder(target, lambda folder: _refuse_foreign(folder, target), write_manifest) as folder:
+    with whole_folder(target, lambda folder: _refuse_foreign(folder, target, own), write_manifest) as folder:
         yield folder
 
 
@@ -93,12 +97,12 @@ def _writable(folder: Path) -> bool:
     return os.access(folder, may) or not _is_folder(folder) or os.access(folder, may)
 
 
-def _refuse_foreign(folder: Path, shown: Path) -> None:
+def _refuse_foreign(folder: Path, shown: Path, own: Collection[str] = ()) -> None:
     """Refuse what no run made, or what was changed since; an empty folder is nobody's."""
     if _is_folder(folder) is False:
         raise RefusedError(f"{shown} is not a folder: nothing was written; choose another --out")
     try:
-        foreign = foreign_files(folder, made_since=_made_from_code)
+        foreign = foreign_files(folder, made_since=lambda name: name in own or _made_from_code(name))
         known = not foreign or has_manifest(folder)
     except OSError as error:
         raise InputError(f"the output folder cannot be used: {error.strerror}", file=shown) from None

@@ -1,0 +1,63 @@
+"""The command that runs an experiment thousands of times: study."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from symcal.cli import terminal
+from symcal.cli.app import Out, Quiet, Seed, Set
+
+# before NumPy is loaded: sums of small matrices, taken by several threads, would not be the same bits everywhere
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+_INTERRUPTED = 130
+
+
+def study(
+    file: Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="study file")],
+    out: Out = None,
+    workers: Annotated[int | None, typer.Option("--workers", min=1, help="processes [one per core]")] = None,
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", metavar="ADDRESS", help="of a Dask cluster, instead of processes here")
+    ] = None,
+    portable: Annotated[
+        bool, typer.Option("--portable", help="only the kernels that every machine has, for clusters that are mixed")
+    ] = False,
+    parquet: Annotated[bool, typer.Option("--parquet", help="the table of trials as Parquet too")] = False,
+    no_report: Annotated[bool, typer.Option("--no-report", help="numbers only: no figures and no PDF")] = False,
+    seed: Seed = None,
+    set_: Set = None,
+    quiet: Quiet = False,
+) -> None:
+    """Run an experiment thousands of times over a grid; again after an interrupt, it goes on."""
+    from symcal.trials.study import Execution, Interrupted, cores, run_study
+
+    if scheduler is not None and workers is not None:
+        from symcal.errors import InputError
+
+        raise InputError("a cluster has its own workers: leave one of the two out", key="--workers", found=workers)
+    execution = Execution(workers or cores(), scheduler, portable, parquet=parquet)
+    try:
+        with terminal.trial_progress(quiet) as (progress, advance):
+            folder, content = run_study(
+                file,
+                out,
+                seed=seed,
+                overrides=set_ or (),
+                execution=execution,
+                report=not no_report,
+                progress=progress,
+                advance=advance,
+            )
+    except Interrupted as interrupted:
+        Console(stderr=True, soft_wrap=True).print(f"symcal: {interrupted}", markup=False, highlight=False)
+        raise typer.Exit(_INTERRUPTED) from None
+    if not quiet:
+        terminal.print_trials(content)
+        terminal.output().print(f"written to {escape(str(folder))}")

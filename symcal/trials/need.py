@@ -1,0 +1,113 @@
+"""What a study answers: how many poses a tolerance needs, or whether it is met, in a sentence for each other choice."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from symcal.words import number, percent, plural
+
+Cell = Mapping[str, Any]
+
+OF = {"mean": "mean error", "rms": "rms error", "p95": "95th percentile of the errors", "max": "largest error"}
+
+
+def answers(cells: Sequence[Cell], varied: Sequence[str], question: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """For every combination of what varies but the number of poses: the answer, and its sentence.
+
+    Args:
+        cells: of results.json. varied: axes with more than one value. question: `of`, `share`, `tolerance_mm`.
+    """
+    others = [axis for axis in varied if axis != "poses"]
+    groups: dict[tuple[Any, ...], list[Cell]] = {}
+    for cell in cells:
+        groups.setdefault(tuple(cell["shown"][axis] for axis in others), []).append(cell)
+    found = []
+    for values, own in groups.items():
+        where = ", ".join(said(axis, value) for axis, value in zip(others, values, strict=True))
+        chosen = dict(zip(others, values, strict=True))
+        fewest = _fewest(own, question) if question["tolerance_mm"] is not None else None
+        sentence = _sentence(own, fewest, question)
+        found.append(
+            {
+                "where": chosen,
+                "poses": None if fewest is None else fewest["shown"]["poses"],
+                "sure": fewest is not None and _met(fewest, question, "high"),
+                "text": f"{where}: {sentence}" if where else sentence[:1].upper() + sentence[1:],
+            }
+        )
+    return found
+
+
+def _met(cell: Cell, question: Mapping[str, Any], bound: str) -> bool:
+    value = cell["judged_mm"]["at_share"][bound]
+    return value is not None and value <= question["tolerance_mm"]
+
+
+def _fewest(cells: Sequence[Cell], question: Mapping[str, Any]) -> Cell | None:
+    """The cell of fewest poses that meets the tolerance, as do all with more."""
+    found = None
+    for cell in sorted(cells, key=lambda each: -each["shown"]["poses"]):
+        if not _met(cell, question, "value"):
+            break
+        found = cell
+    return found
+
+
+def _sentence(cells: Sequence[Cell], fewest: Cell | None, question: Mapping[str, Any]) -> str:
+    tolerance, what = question["tolerance_mm"], OF[question["of"]]
+    if question["against"] == "measurement":
+        what += " against measurement"
+    share = percent(question["share"])
+    ordered = sorted(cells, key=lambda each: each["shown"]["poses"])
+    if tolerance is None:
+        parts = [f"{_quantile(cell)} with {plural(cell['shown']['poses'], 'pose')}" for cell in ordered]
+        return f"in {share} of the trials the {what} is at most {'; '.join(parts)}"
+    if fewest is None:
+        best = min(ordered, key=lambda each: each["judged_mm"]["at_share"]["value"] or float("inf"))
+        far = f"{plural(best['shown']['poses'], 'pose')} leave {_quantile(best)}, the least of what was tried"
+        if best["judged_mm"]["at_share"]["value"] is None:
+            far = "too many trials fail"
+        return f"{number(tolerance)} mm cannot be met: {far}, for the {what} in {share} of the trials"
+    poses = plural(fewest["shown"]["poses"], "pose")
+    met = f"{poses} {'is' if fewest['shown']['poses'] == 1 else 'are'} enough for {number(tolerance)} mm"
+    met += f": in {share} of the trials the {what} is at most {_quantile(fewest)}"
+    if not _met(fewest, question, "high"):
+        met += ", which so few trials do not settle"
+    fewer = [cell for cell in ordered if cell["shown"]["poses"] < fewest["shown"]["poses"]]
+    if fewer:
+        less = fewer[-1]
+        value = less["judged_mm"]["at_share"]["value"]
+        met += f"; with {less['shown']['poses']} it is " + (
+            "larger, because trials fail" if value is None else _quantile(less)
+        )
+    elif len(ordered) > 1:
+        met += "; fewer were not tried"
+    return met
+
+
+def _quantile(cell: Cell) -> str:
+    """Value with its bounds."""
+    found = cell["judged_mm"]["at_share"]
+    if found["value"] is None:
+        return "infinite"
+    high = "infinity" if found["high"] is None else number(found["high"])
+    return f"{number(found['value'])} mm ({number(found['low'])} to {high})"
+
+
+def said(axis: str, value: Any) -> str:
+    """A value of the grid as people read it."""
+    if axis == "errors":
+        return f"true errors {value}"
+    if axis == "size":
+        return f"errors times {value:g}"
+    if axis == "plan":
+        return "random plans" if value == "random" else f"plan {value}"
+    if axis.startswith("noise_"):
+        return f"{axis.removeprefix('noise_')} noise {value:g}"
+    return f"{value} poses" if axis == "poses" else str(value)
+
+
+def label(cell: Cell, varied: Sequence[str]) -> str:
+    """A cell by what varies."""
+    return ", ".join(said(axis, cell["shown"][axis]) for axis in varied) or "all trials"

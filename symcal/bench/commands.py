@@ -122,7 +122,7 @@ def _experiment(folder: Path) -> Path:
                     "units": {"length": "mm", "angle": "rad"},
                     "errors": {name: float(value) for name, value in zip(names, errors, strict=True)},
                 },
-                "noise": {"distribution": "gaussian", "position": 0.05},
+                "noise": {"distribution": "normal", "position": 0.05},
                 "test_poses": 200,
             },
         },

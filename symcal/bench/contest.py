@@ -48,9 +48,8 @@ def hold(contest: Contest, pace: Pace) -> dict[str, Any]:
     absent = dict(contest.absent)
     for entry in contest.entries:
         if not entry.agrees:
-            absent[entry.contender.name] = (
-                f"computes something else: {contest.compared} differ by {entry.difference:.1e}, allowed {entry.allowed:g}"
-            )
+            by = f"{entry.difference:.1e}, allowed {entry.allowed:g}"
+            absent[entry.contender.name] = f"computes something else: {contest.compared} differ by {by}"
     return {
         "subject": contest.subject,
         "name": contest.name,

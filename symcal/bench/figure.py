@@ -97,6 +97,6 @@ def _caption(panels: Sequence[dict[str, Any]]) -> str:
         if panel["curves"][0]["power"] is not None
     ]
     return (
-        "Processor time of one call over its size; grey: proportional growth. Power of the size that the time of symcal "
-        f"follows at the largest sizes: {'; '.join(ours)}."
+        "Processor time of one call over its size; grey: proportional growth. Power of the size that the time of "
+        f"symcal follows at the largest sizes: {'; '.join(ours)}."
     )

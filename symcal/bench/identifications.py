@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -106,11 +106,12 @@ def contest(repeated: Repeated, generated: ca.Function | None, *, slow: bool = T
         enter(own.name, own.what, own.call, own.items)
     slopes = _casadi_slopes(repeated, generated or case.function)
     kind = REFERENCE if generated else REFERENCE.replace("CasADi C", "CasADi, virtual machine")
-    for method in ("lm", "trf"):
+    methods: tuple[Literal["lm", "trf"], ...] = ("lm", "trf")
+    for method in methods:
         name = kind.replace("lm", method)
         enter(name, "positions and slopes in one call, cached", one_by_one(_exact(slopes, method)), some)
     readings = partial(numpy_batch.positions, arm, q)
-    for method in ("lm", "trf"):
+    for method in methods:
         fit = partial(scipy_fit.fit_differences, readings=readings, method=method)
         enter(f"SciPy {method}, 2-point slopes (NumPy)", "all postures at once", one_by_one(fit), some, DIFFERENCES)
     if slow:
@@ -135,7 +136,7 @@ def _enter_jax(repeated: Repeated, enter: Callable[..., None], absent: dict[str,
     enter("JAX, single", f"jit, {what}", lambda: one(q, z[0]), 1)
 
 
-def _exact(slopes: scipy_fit.Slopes, method: Any) -> Callable[[FitProblem], Array]:
+def _exact(slopes: scipy_fit.Slopes, method: Literal["lm", "trf"]) -> Callable[[FitProblem], Array]:
     return lambda problem: scipy_fit.fit_exact(problem, slopes, method)
 
 

@@ -85,18 +85,19 @@ def contest(case: Case, size: int, generated: ca.Function | None, seed: int = 1)
     if size <= _MOST:
         slow = partial(numpy_loop.position_and_slopes, case.arm, q, x)
         enter(LOOP, slow, "4x4 matrices, finite differences", slow(), DIFFERENCES)
-    for name, make, what in (
+    peers: tuple[tuple[str, Callable[..., Callable[[Array, Array], tuple[Any, Any]]], str], ...] = (
         (JAX, jax_arm.positions_and_slopes, "jit, vmap, jacrev"),
         (PINOCCHIO, pinocchio_arm.positions_and_slopes, "a joint for every turn and shift, pose by pose"),
-    ):
+    )
+    for name, make, what in peers:
         if name == PINOCCHIO and size > _MOST:
             continue
         try:
-            call = partial(make(case.arm), q, x)
+            one = partial(make(case.arm), q, x)
         except ImportError:
             absent[name] = "not installed"
             continue
-        enter(name, call, what, _by_rows(call()), EXACT)
+        enter(name, one, what, _by_rows(one()), EXACT)
     name = f"position and Jacobian by {len(case.names)} parameters, {size} {'posture' if size == 1 else 'postures'}"
     return Contest(
         SUBJECT,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -9,6 +10,18 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+
+# A process counts as its own the memory of the one that it was forked from: this one is small.
+_LAUNCHER = """
+import json, os, subprocess, sys, time
+began = time.perf_counter()
+child = subprocess.Popen(sys.argv[1:], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+_, status, used = os.wait4(child.pid, 0)
+wall = time.perf_counter() - began
+print(json.dumps([status, wall, used.ru_utime + used.ru_stime, used.ru_maxrss]))
+os._exit(0)
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,25 +46,21 @@ def run_process(
     Args:
         environment: variables that differ from this process's. folder: where it runs.
     """
-    began = time.perf_counter()
-    process = subprocess.Popen(
-        list(command),
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        env={**os.environ, **(environment or {})},
-        cwd=folder,
-    )
-    assert process.stderr is not None
-    with process.stderr as pipe:
-        said = pipe.read()[-2000:].decode(errors="replace").strip()
+    own = {**os.environ, **(environment or {})}
     if sys.platform == "win32":
-        return Ended(process.wait(), time.perf_counter() - began, None, None, said)
-    _, status, used = os.wait4(process.pid, 0)
-    wall = time.perf_counter() - began
-    process.returncode = os.waitstatus_to_exitcode(status)  # it is reaped: Popen must not wait for it again
+        began = time.perf_counter()
+        end = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, env=own, cwd=folder, check=False)
+        return Ended(end.returncode, time.perf_counter() - began, None, None, _last(end.stderr))
+    launched = subprocess.run(
+        [sys.executable, "-I", "-S", "-c", _LAUNCHER, *command], capture_output=True, env=own, cwd=folder, check=True
+    )
+    status, wall, cpu, peak = json.loads(launched.stdout)
     unit = 1e6 if sys.platform == "darwin" else 1e3  # bytes there, kilobytes elsewhere
-    return Ended(process.returncode, wall, used.ru_utime + used.ru_stime, used.ru_maxrss / unit, said)
+    return Ended(os.waitstatus_to_exitcode(status), wall, cpu, peak / unit, _last(launched.stderr))
+
+
+def _last(said: bytes) -> str:
+    return said[-2000:].decode(errors="replace").strip()
 
 
 def symcal_command(*arguments: str) -> list[str]:

@@ -46,7 +46,7 @@ FULL = Pace(rounds=31, sample_s=0.01, slow_s=1.0)
 
 @dataclass(frozen=True, slots=True)
 class Samples:
-    """Seconds of one item in each round: of the processor (all threads of this process) and of the clock, shape (k,)."""
+    """Seconds of one item in each round, shape (k,): of the processor (all threads of this process), of the clock."""
 
     cpu: Array
     wall: Array
@@ -88,13 +88,14 @@ def ratio(reference: Samples, own: Samples) -> dict[str, float]:
 
 def summary(samples: Mapping[str, Samples], reference: str | None) -> dict[str, dict[str, object]]:
     """What is kept of the samples, by contender: seconds per item, and the ratio to the reference if there is one."""
+    first = None if reference is None else samples.get(reference)
     kept: dict[str, dict[str, object]] = {}
     for name, own in samples.items():
         kept[name] = {
             "seconds": quartiles(own.cpu),
             "wall": quartiles(own.wall),
             "rounds": len(own.cpu),
-            "ratio": ratio(samples[reference], own) if reference in samples else None,
+            "ratio": None if first is None else ratio(first, own),
         }
     return kept
 

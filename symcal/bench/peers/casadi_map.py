@@ -9,6 +9,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -59,6 +60,7 @@ def mapped(function: ca.Function, batched: tuple[Array, ...], shared: tuple[Arra
         for rows, cols in map(function.size_out, range(function.n_out()))
     ]
     many = function.map(count, "serial")
+    buffer: Any
     buffer, evaluate = many.buffer()
     for i, each in enumerate(given):
         buffer.set_arg(i, each.data)

@@ -150,6 +150,17 @@ LIBM2(pow)
 LIBM2(fmod)
 LIBM2(hypot)
 
+/* A square root that the compiler sees as one instruction. */
+INLINE V v_root(V a) {
+#if defined(__AVX512F__) && !defined(__clang__)
+  return __builtin_ia32_sqrtpd512_mask(a, a, -1, 4);
+#elif defined(__AVX__) && !defined(__clang__)
+  return __builtin_ia32_sqrtpd256(a);
+#else
+  return v_sqrt(a);
+#endif
+}
+
 /* ---- rows: element k of LANES consecutive rows of `width` numbers ---- */
 
 INLINE V v_load(const double *row, ptrdiff_t width) {

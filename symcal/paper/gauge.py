@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from symcal.config.study import SimulationOneConfig
 from symcal.fit.identifiability import Identifiability, analyse
+from symcal.fit.many import fit_many
 from symcal.kernels import batch_function
 from symcal.model.measurement import Measurement, Setup
-from symcal.paper.batch_fit import fit_many
 from symcal.paper.repetitions import judge, measure
 from symcal.paper.results import Gauge, Setting, StudyPlan
 from symcal.paper.setting import target_measurement

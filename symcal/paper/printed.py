@@ -14,9 +14,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.fit.many import fit_many
 from symcal.kernels import batch_function
 from symcal.paper import published
-from symcal.paper.batch_fit import fit_many
 from symcal.paper.results import Setting
 from symcal.paper.setting import positions
 

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.fit.many import fit_many
 from symcal.kernels import batch_function
-from symcal.paper.batch_fit import fit_many
 from symcal.paper.results import Repetitions, Setting, StudyPlan
 from symcal.paper.setting import positions
 
@@ -32,7 +32,7 @@ def repeat(setting: Setting, plans: Mapping[str, StudyPlan], count: int, rng: np
     for name, own in zip(names, for_plans, strict=True):
         q = poses[name]
         fits = fit_many(setting.model, q, measure(setting, q, count, own), setting.sigma)
-        slowest = max(slowest, fits.iterations)
+        slowest = max(slowest, int(fits.iterations.max()))
         errors[name] = fits.x
         bounds[name] = np.broadcast_to(cramer_rao(setting, q), count)
     seed = for_test.integers(2**63)  # every plan is judged against the same noisy test data

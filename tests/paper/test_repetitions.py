@@ -11,7 +11,7 @@ from study_case import outcome
 from symcal.data.dataset import Dataset, readings
 from symcal.fit.estimation import Options, fit
 from symcal.fit.residual_rows import rows_of
-from symcal.paper.batch_fit import fit_many
+from symcal.fit.many import fit_many
 from symcal.paper.mirror import canonical
 from symcal.paper.repetitions import cramer_rao, judge, measure
 from symcal.paper.setting import positions
@@ -33,7 +33,7 @@ def test_many_fits_are_the_fits_of_the_estimator(rng, fresh):
     q = setting.info.area.sample(rng, int(np.prod(shape))).reshape(*shape, -1)
     z = measure(setting, q, count, rng)
     many = fit_many(setting.model, q, z, setting.sigma)
-    assert (many.ranks == 11).all()
+    assert (many.rank == 11).all()
     for i in range(count):
         one = single(setting, q[i] if fresh else q, z[i])
         assert one.identifiability.rank == 11

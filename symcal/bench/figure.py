@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from textwrap import wrap
 from typing import Any
 
 from matplotlib.ticker import LogLocator, NullFormatter
@@ -34,6 +35,7 @@ _LOOKS: tuple[tuple[str, Any, str], ...] = (
 """Told apart by colour, by line and by marker."""
 
 _ACROSS = 3
+_TITLE = 34  # letters in a line above a panel
 _NARROW = 2.0  # decades of a size within which its values themselves are the ticks
 
 
@@ -58,7 +60,7 @@ def growth_figure(panels: Sequence[dict[str, Any]]) -> Illustration:
                     markerfacecolor=color if marker == "o" else "white",
                     label=curve["name"],
                 )
-            axes.set(xscale="log", yscale="log", title=panel["name"], xlabel=panel["variable"])
+            axes.set(xscale="log", yscale="log", title="\n".join(wrap(panel["name"], _TITLE)), xlabel=panel["variable"])
             _proportional(axes, panel)
             axes.yaxis.set_major_locator(LogLocator(numticks=6))
             axes.yaxis.set_major_formatter(lambda value, _: duration(value))

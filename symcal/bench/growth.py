@@ -133,7 +133,7 @@ def _positions(case: Case, count: int, *, peers: bool = True) -> Iterator[Conten
 def _fitted(sizes: Sizes, count: int) -> Iterator[Contender]:
     """One identification from so many postures."""
     repeated = repeat(case_of(handling_robot()), 1, count)
-    yield Contender(OURS, own_fits.single(repeated.case, repeated.q, repeated.z, SIGMA), 1)
+    yield Contender(OURS, own_fits.single(repeated.case, repeated.q, repeated.z, SIGMA, repeated.free), 1)
     if count <= sizes.peers[0]:
         slopes = partial(numpy_batch.positions_and_slopes, repeated.case.arm, repeated.q)
         yield Contender(_SCIPY, partial(scipy_fit.fit_exact, repeated.problem, slopes, "lm"), 1)
@@ -142,7 +142,7 @@ def _fitted(sizes: Sizes, count: int) -> Iterator[Contender]:
 def _trials(sizes: Sizes, count: int) -> Iterator[Contender]:
     """So many identifications in one call."""
     repeated = repeat(case_of(handling_robot()), count)
-    yield Contender(OURS, own_fits.many(repeated.case, repeated.q, repeated.z, SIGMA), 1)
+    yield Contender(OURS, own_fits.many(repeated.case, repeated.q, repeated.z, SIGMA, repeated.free), 1)
     if count <= sizes.peers[1]:
         slopes = partial(numpy_batch.positions_and_slopes, repeated.case.arm, repeated.q)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from symcal.bench import own_fits
 from symcal.bench.arms import handling_robot, random_errors, random_postures
-from symcal.bench.case import Case, case_of
+from symcal.bench.case import Case, case_of, identifiable
 from symcal.bench.contest import Contest, Entry, Progress, hold
 from symcal.bench.peers import casadi_map, jax_arm, numpy_batch, numpy_loop, scipy_fit
 from symcal.bench.peers.fit_problem import FitProblem
@@ -47,6 +47,10 @@ class Repeated:
     z: Array
     problem: FitProblem
 
+    @property
+    def free(self) -> tuple[str, ...]:
+        return tuple(self.case.names[i] for i in self.problem.free)
+
     def of(self, i: int) -> FitProblem:
         return replace(self.problem, z=self.z[i])
 
@@ -71,7 +75,7 @@ def run(batch: int, pace: Pace, progress: Progress, *, slow: bool) -> Iterator[d
 def repeat(case: Case, count: int, poses: int = POSES, seed: int = 2) -> Repeated:
     """Positions of an arm with random errors, with noise drawn so many times."""
     rng = np.random.default_rng(seed)
-    free = own_fits.free_of(case, rng)
+    free = identifiable(case, rng)
     columns = np.array([case.names.index(name) for name in free])
     x = np.zeros(len(case.names))
     x[columns] = random_errors(free, rng)
@@ -102,7 +106,7 @@ def contest(repeated: Repeated, generated: ca.Function | None, *, slow: bool = T
     def one_by_one(fit: Callable[[FitProblem], Array], count: int = some) -> Callable[[], Array]:
         return lambda: np.array([fit(repeated.of(i)) for i in range(count)])
 
-    for own in own_fits.entries(case, q, z, SIGMA):
+    for own in own_fits.entries(case, q, z, SIGMA, repeated.free):
         enter(own.name, own.what, own.call, own.items)
     slopes = _casadi_slopes(repeated, generated or case.function)
     kind = REFERENCE if generated else REFERENCE.replace("CasADi C", "CasADi, virtual machine")

@@ -7,29 +7,32 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+import symcal as sc
 from symcal.bench.case import Case
 from symcal.bench.rounds import Contender
-from symcal.paper.batch_fit import fit_many
+from symcal.fit.many import fit_many
 
 Array = NDArray[np.float64]
 
 
-def free_of(case: Case, rng: np.random.Generator) -> tuple[str, ...]:  # noqa: ARG001
-    """The parameters that are identified."""
-    return case.names
-
-
-def many(case: Case, q: Array, z: Array, sigma: float) -> Callable[[], Array]:
+def many(case: Case, q: Array, z: Array, sigma: float, free: tuple[str, ...]) -> Callable[[], Array]:
     """All sets of readings z, shape (R, N, 3), in one call that gives errors, shape (R, n)."""
-    return lambda: fit_many(case.model, q, z, sigma).x
+    return lambda: fit_many(case.model, q, z, sigma, free=free).x
 
 
-def single(case: Case, q: Array, z: Array, sigma: float) -> Callable[[], Array]:
-    """The first set alone: errors, shape (n,)."""
-    return lambda: fit_many(case.model, q, z[:1], sigma).x[0]
+def single(case: Case, q: Array, z: Array, sigma: float, free: tuple[str, ...]) -> Callable[[], Array]:
+    """The first set alone, with the model built: errors, shape (n,)."""
+    return lambda: sc.identify(case.model, q, z[0], sigma=sigma, free=free).x
 
 
-def entries(case: Case, q: Array, z: Array, sigma: float) -> Iterator[Contender]:
+def from_robot(case: Case, q: Array, z: Array, sigma: float, free: tuple[str, ...]) -> Callable[[], Array]:
+    """The same beginning with the robot: errors, shape (n,)."""
+    return lambda: sc.identify(sc.build_model(case.robot, case.model.task), q, z[0], sigma=sigma, free=free).x
+
+
+def entries(case: Case, q: Array, z: Array, sigma: float, free: tuple[str, ...]) -> Iterator[Contender]:
     """Each way to call them."""
-    yield Contender(f"symcal, {len(z)} at once", many(case, q, z, sigma), len(z), "one call")
-    yield Contender("symcal, single", single(case, q, z, sigma), 1, "one call")
+    given = (case, q, z, sigma, free)
+    yield Contender(f"symcal, {len(z)} at once", many(*given), len(z), "one call of fit_many")
+    yield Contender("symcal, single", single(*given), 1, "sc.identify with a model")
+    yield Contender("symcal, single, with its model", from_robot(*given), 1, "sc.build_model and sc.identify")

@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-
 # A process counts as its own the memory of the one that it was forked from: this one is small.
 _LAUNCHER = """
 import json, os, subprocess, sys, time

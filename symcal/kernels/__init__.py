@@ -1,5 +1,6 @@
-"""CasADi functions as fast batched machine code, falling back to CasADi's virtual machine."""
+"""CasADi functions as fast batched machine code, or as numpy where there is no compiler."""
 
-from symcal.kernels.batch import BatchFunction, batch_function
+from symcal.kernels.batch import BatchFunction, PreparedCall, batch_function
+from symcal.kernels.path import KernelPath, path_in_use
 
-__all__ = ["BatchFunction", "batch_function"]
+__all__ = ["BatchFunction", "KernelPath", "PreparedCall", "batch_function", "path_in_use"]

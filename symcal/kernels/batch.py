@@ -1,44 +1,67 @@
-"""Evaluate a CasADi function at many points at once: compiled C, or CasADi's virtual machine without a compiler.
+"""Evaluate a CasADi function at many points at once: compiled C, straight-line numpy, or CasADi's virtual machine.
 
-Both backends do the same arithmetic and agree to rounding (about 1e-13 relative), not bit for bit. Which one runs is
-decided when a `BatchFunction` is made, from the arguments, SYMCAL_KERNELS and the presence of a compiler alone; never
-from the state of a cache or in the middle of a job. So the same job gives the same bits on the same machine, from its
-first run on. And a row's result depends on that row alone, not on N or on its neighbours.
+All do the same arithmetic and agree to rounding (about 1e-13 relative), not bit for bit. Which one runs is decided when
+a `BatchFunction` is made, from the arguments, SYMCAL_KERNELS and the presence of a compiler alone (see
+`symcal.kernels.path`); never from the state of a cache or in the middle of a job. So the same job gives the same bits on
+the same machine, from its first run on. And a row's result depends on that row alone, not on N or on its neighbours.
 """
 
 from __future__ import annotations
 
-import ctypes
 import logging
-import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from functools import partial
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import InputError, RefusedError
-from symcal.kernels.compile import load_library
-from symcal.kernels.compiler import find_compiler
+from symcal.kernels.compiled import Compiled, compiled
 from symcal.kernels.instructions import Port, Program, dense_function, read_program
-from symcal.kernels.vector import ENTRY, kernel_source
+from symcal.kernels.path import Choice, Kind, chosen_kind
+from symcal.kernels.straight_line import straight_line
+from symcal.kernels.virtual_machine import interpreted
 
 logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
-Backend = Literal["auto", "vm", "c"]
 # (number of rows, dense C-contiguous inputs, outputs to fill)
 _Run = Callable[[int, list[Array], list[Array]], None]
 
-# Fewer evaluations than this take the virtual machine some tenths of a second at most, less than most first
-# compilations. Both costs grow with the number of instructions: the break-even hardly depends on the function.
-WORTH_COMPILING = 50_000
-# More instructions than this would keep GCC busy for over a second at -O2; -O1 needs half of it, its code 15 % more.
-_LONG = 3000
-# And more than this for many seconds.
+# More instructions than this keep a compiler busy for many seconds.
 _TOO_LONG = 20_000
+_FLOAT = np.dtype(np.float64)
+_KEPT = 256  # plans; one has some hundred bytes
+
+
+@dataclass(frozen=True, slots=True)
+class _Plan:
+    """What follows from the shapes of arguments: the number of rows, whether there is one, and the shapes of results."""
+
+    rows: int
+    many: bool
+    shapes: tuple[tuple[int, ...], ...]
+    run: _Run
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedCall:
+    """A call that is made again and again with the same arrays; made by `BatchFunction.prepared`.
+
+    Attributes:
+        arguments: what each call reads. Write into them to change it.
+        results: what each call fills and returns.
+    """
+
+    arguments: tuple[Array, ...]
+    results: tuple[Array, ...]
+    _run: Callable[[], None] = field(repr=False)
+
+    def __call__(self) -> tuple[Array, ...]:
+        self._run()
+        return self.results
 
 
 @dataclass(frozen=True)
@@ -48,91 +71,136 @@ class BatchFunction:
     Attributes:
         function: what is computed, with dense inputs and outputs.
         program: its instructions; None if the virtual machine runs them.
+        kind: what runs it.
     """
 
     function: ca.Function
     program: Program | None
     inputs: tuple[Port, ...]
     outputs: tuple[Port, ...]
-    # What was prepared for a pattern of shared and batched arguments; filled on first use, never changed after.
+    kind: Kind
+    # What was prepared for a pattern of shared and batched arguments, and for shapes; a row's result is the same with
+    # and without.
     _runs: dict[tuple[bool, ...], _Run] = field(default_factory=dict, compare=False, repr=False)
+    _plans: dict[tuple[tuple[int, ...], ...], _Plan] = field(default_factory=dict, compare=False, repr=False)
 
     @property
-    def backend(self) -> Literal["vm", "c"]:
-        """`c` if calls are to run compiled; should the compiler then fail, the log says so and `vm` runs after all."""
-        return "vm" if self.program is None else "c"
+    def backend(self) -> str:
+        """`c`, `numpy` or `vm`. Should a compiler then fail, the log says so and what needs none runs after all."""
+        return self.kind.backend
 
-    def __call__(self, *args: Array) -> tuple[Array, ...]:
+    def __call__(self, *args: Array, out: Sequence[Array] | None = None) -> tuple[Array, ...]:
         """Evaluate for N rows.
 
         Args:
             args: one per input, float64. A vector input of n rows takes shape (n,), shared by all N, or (N, n); a
                 matrix input (rows, cols) or (N, rows, cols). They need not be contiguous.
+            out: arrays to fill, one per output, float64, C-contiguous and of the shapes below; they must not share
+                memory with an argument. It spares large results the cost of fresh memory.
         Returns:
-            per output, freshly allocated and C-contiguous: (N, n) for a vector, (N, rows, cols) for a matrix; without N
-            if no argument has it.
+            per output, C-contiguous: (N, n) for a vector, (N, rows, cols) for a matrix; without N if no argument has
+            it. Freshly allocated, or those of `out`.
         Raises:
-            InputError: wrong number or shape of arguments, or unequal N.
+            InputError: wrong number or shape of arguments, unequal N, or arrays in `out` that cannot be filled.
         """
-        if len(args) != len(self.inputs):
-            raise InputError(f"'{self.function.name()}' takes {len(self.inputs)} arguments, not {len(args)}")
-        arrays = [np.ascontiguousarray(arg, dtype=np.float64) for arg in args]
+        arrays = [np.ascontiguousarray(arg, _FLOAT) for arg in args]
+        plan = self._plans.get(tuple([array.shape for array in arrays])) or self._planned(arrays)
+        if out is None:
+            results = [np.empty(shape) for shape in plan.shapes]
+        else:
+            results = self._given(plan, arrays, out)
+        if plan.rows:
+            plan.run(plan.rows, arrays, results)
+        return tuple(results) if plan.many else tuple([result[0] for result in results])
+
+    def prepared(self, *args: Array, out: Sequence[Array] | None = None) -> PreparedCall:
+        """A call of these arrays that can be repeated without its checks: what small batches mostly cost.
+
+        Args:
+            args, out: as in a call. Arguments that are float64 and C-contiguous are read where they are at every call
+                (`PreparedCall.arguments`), others were copied. Without `out`, new arrays are filled.
+        Raises:
+            InputError: as in a call.
+        """
+        arrays = [np.ascontiguousarray(arg, _FLOAT) for arg in args]
+        plan = self._plans.get(tuple([array.shape for array in arrays])) or self._planned(arrays)
+        given = [np.empty(shape if plan.many else shape[1:]) for shape in plan.shapes] if out is None else list(out)
+        results = self._given(plan, arrays, given)
+        if not plan.rows:
+            run: Callable[[], None] = _nothing
+        elif isinstance(plan.run, Compiled):
+            run = plan.run.bind(plan.rows, arrays, results)
+        else:
+            run = partial(plan.run, plan.rows, arrays, results)
+        return PreparedCall(tuple(arrays), tuple(given), run)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """To another process goes the function; code is loaded there again, from the cache."""
+        return BatchFunction, (self.function, self.program, self.inputs, self.outputs, self.kind)
+
+    def _planned(self, arrays: list[Array]) -> _Plan:
+        if len(arrays) != len(self.inputs):
+            raise InputError(f"'{self.function.name()}' takes {len(self.inputs)} arguments, not {len(arrays)}")
         batched = tuple(_is_batched(array, port) for array, port in zip(arrays, self.inputs, strict=True))
         lengths = {array.shape[0] for array, many in zip(arrays, batched, strict=True) if many}
         if len(lengths) > 1:
             shapes = {port.name: array.shape for port, array in zip(self.inputs, arrays, strict=True)}
             raise InputError(f"arguments of '{self.function.name()}' have different numbers of rows", found=shapes)
-        n = lengths.pop() if lengths else 1
-        results = [np.empty((n, *_shape(port))) for port in self.outputs]
-        if n > 0:
-            if batched not in self._runs:
-                self._runs[batched] = self._prepare(batched)
-            self._runs[batched](n, arrays, results)
-        return tuple(results) if any(batched) else tuple(result[0] for result in results)
-
-    def __reduce__(self) -> tuple[object, ...]:
-        """To another process goes the function; code is loaded there again, from the cache."""
-        return BatchFunction, (self.function, self.program, self.inputs, self.outputs)
+        rows = lengths.pop() if lengths else 1
+        if rows and batched not in self._runs:
+            self._runs[batched] = self._prepare(batched)
+        run = self._runs[batched] if rows else _fill_nothing
+        if len(self._plans) >= _KEPT:
+            self._plans.clear()
+        plan = _Plan(rows, any(batched), tuple((rows, *_shape(port)) for port in self.outputs), run)
+        self._plans[tuple(array.shape for array in arrays)] = plan
+        return plan
 
     def _prepare(self, batched: tuple[bool, ...]) -> _Run:
-        compiled = None
-        if self.program is not None and any(batched):  # a single evaluation is not worth a compiler
-            compiled = _compiled(self.program, batched)
-        return compiled or _interpreted(self.function, self.inputs, self.outputs, batched)
+        portable = self.kind.portable
+        if self.program is not None and any(batched) and self.kind.backend == "c":
+            found = compiled(self.program, batched, portable=portable)
+            if found is not None:
+                return found
+        if self.program is None or not (any(batched) or portable):  # a single evaluation is not worth writing it out
+            return interpreted(self.function, self.inputs, self.outputs, batched)
+        return straight_line(self.program, batched, portable=portable)
+
+    def _given(self, plan: _Plan, arrays: list[Array], out: Sequence[Array]) -> list[Array]:
+        """Arrays to fill, with a batch axis."""
+        wanted = [shape if plan.many else shape[1:] for shape in plan.shapes]
+        found = [getattr(array, "shape", None) for array in out]
+        if found != wanted:
+            raise InputError(f"'{self.function.name()}' cannot fill these arrays", key="out", found=found, allowed=wanted)
+        for array in out:
+            if array.dtype != _FLOAT or not array.flags.c_contiguous or not array.flags.writeable:
+                raise InputError("arrays to be filled must be float64, C-contiguous and writeable", key="out")
+            if any(np.may_share_memory(array, argument) for argument in arrays):
+                raise InputError("an array to be filled shares memory with an argument", key="out")
+        return [array if plan.many else array[None] for array in out]
 
 
-def batch_function(
-    function: ca.Function, *, backend: Backend = "auto", evaluations: int | None = None
-) -> BatchFunction:
+def batch_function(function: ca.Function, *, backend: Choice = "auto", evaluations: int | None = None) -> BatchFunction:
     """A CasADi function as a `BatchFunction`.
 
     Args:
         function: any function that can be expanded to SX; sparse inputs and outputs become dense.
-        backend: `vm`, `c`, or `auto`: the environment's SYMCAL_KERNELS if set, else `c` if this machine has a compiler
-            and the job is long enough for it. Where C is not possible the virtual machine runs, and the log says so.
-        evaluations: how many rows will be evaluated in all, if known; less than `WORTH_COMPILING` makes `auto` stay
-            with the virtual machine. Give a number that follows from the job alone, so that its results repeat.
+        backend: see `symcal.kernels.path.chosen_kind`; `auto` is the environment's SYMCAL_KERNELS if set. What cannot be
+            written as a program runs in CasADi's virtual machine, and the log says so.
+        evaluations: how many rows will be evaluated in all, if known. Give a number that follows from the job alone, so
+            that its results repeat.
     Raises:
         InputError: SYMCAL_KERNELS is something else. RefusedError: the function cannot be expanded to SX.
     """
-    chosen = backend if backend != "auto" else os.environ.get("SYMCAL_KERNELS", "auto")
-    allowed = ("auto", "vm", "c")
-    if chosen not in allowed:
-        raise InputError("unknown backend for kernels", key="SYMCAL_KERNELS", found=chosen, allowed=allowed)
-    if chosen == "auto":
-        chosen = "c" if evaluations is None or evaluations >= WORTH_COMPILING else "vm"
+    kind = chosen_kind(backend, evaluations)
     dense = dense_function(function)
-    program = None
-    if chosen == "c" and find_compiler() is None:
-        logger.info("no C compiler: '%s' runs in CasADi's virtual machine", function.name())
-    elif chosen == "c":
-        program = _worth_compiling(dense)
+    program = _readable(dense) if kind.backend != "vm" else None
     inputs = tuple(Port(name, *dense.size_in(i)) for i, name in enumerate(dense.name_in()))
     outputs = tuple(Port(name, *dense.size_out(i)) for i, name in enumerate(dense.name_out()))
-    return BatchFunction(dense, program, inputs, outputs)
+    return BatchFunction(dense, program, inputs, outputs, kind if program is not None else Kind("vm"))
 
 
-def _worth_compiling(dense: ca.Function) -> Program | None:
+def _readable(dense: ca.Function) -> Program | None:
     try:
         program = read_program(dense)
     except RefusedError as error:
@@ -160,61 +228,9 @@ def _is_batched(array: Array, port: Port) -> bool:
     )
 
 
-def _compiled(program: Program, batched: tuple[bool, ...]) -> _Run | None:
-    optimisation = "-O2" if len(program.instructions) < _LONG else "-O1"
-    library = load_library(kernel_source(program, batched), optimisation, ENTRY)
-    if library is None:
-        return None
-    entry = getattr(library, ENTRY)
-    entry.argtypes = [ctypes.c_ssize_t] + [ctypes.c_void_p] * (len(program.inputs) + len(program.outputs))
-    entry.restype = None
-
-    def run(n: int, arrays: list[Array], results: list[Array]) -> None:
-        entry(n, *[_address(array) for array in (*arrays, *results)])
-
-    return run
+def _fill_nothing(n: int, arrays: list[Array], results: list[Array]) -> None:
+    """For no rows."""
 
 
-def _address(array: Array) -> int:
-    if array.size and array.flags.writeable:  # five times faster than the other way, which counts in small batches
-        return ctypes.addressof(ctypes.c_char.from_buffer(array.data))
-    return int(array.__array_interface__["data"][0])
-
-
-def _interpreted(
-    function: ca.Function, inputs: tuple[Port, ...], outputs: tuple[Port, ...], batched: tuple[bool, ...]
-) -> _Run:
-    """The virtual machine, by maps of fixed sizes: making a map for each N would cost more than running it."""
-    shared = [i for i, many in enumerate(batched) if not many]
-    maps = [(size, function.map(f"rows{size}", "serial", size, shared, [])) for size in (256, 16, 1)]
-
-    def run(n: int, arrays: list[Array], results: list[Array]) -> None:
-        # CasADi is column-major: rows of transposed matrices.
-        given = [
-            np.ascontiguousarray(a.swapaxes(-1, -2)) if p.cols != 1 else a for a, p in zip(arrays, inputs, strict=True)
-        ]
-        filled = [
-            np.empty((n, port.cols, port.rows)) if port.cols != 1 else r
-            for r, port in zip(results, outputs, strict=True)
-        ]
-        start = 0
-        for size, mapped in maps:
-            if n - start < size:
-                continue
-            buffer: Any
-            buffer, evaluate = mapped.buffer()
-            for i in shared:
-                buffer.set_arg(i, given[i].data)
-            while n - start >= size:
-                for i, many in enumerate(batched):
-                    if many:
-                        buffer.set_arg(i, given[i][start : start + size].data)
-                for i, whole in enumerate(filled):
-                    buffer.set_res(i, whole[start : start + size].data)
-                evaluate()
-                start += size
-        for result, whole in zip(results, filled, strict=True):
-            if whole is not result:
-                result[...] = whole.swapaxes(-1, -2)
-
-    return run
+def _nothing() -> None:
+    """For no rows."""

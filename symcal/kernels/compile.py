@@ -29,8 +29,10 @@ from symcal.outputs.whole_file import flush_path
 logger = logging.getLogger(__name__)
 
 # Never -ffast-math: it links start-up code that turns on flush-to-zero for the whole Python process.
-FLAGS = ("-std=gnu11", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-Wno-psabi")
-NATIVE = "-march=native"
+FLAGS = ("-std=gnu11", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-fno-sanitize=undefined", "-Wno-psabi")
+NATIVE = ("-march=native", "-ffp-contract=fast")
+# A product and a sum rounded one after the other, everywhere alike; no use of what only some processors have.
+PORTABLE = ("-ffp-contract=off",)
 
 _LONGEST = 64 * 2**20  # bytes of a library; the longest kernel that is compiled has some 1.5 MB
 _SUFFIX = ".dll" if sys.platform == "win32" else ".so"
@@ -39,7 +41,7 @@ _ABANDONED_S = 3600.0  # after which the scratch folder of a killed process is s
 
 
 @cache
-def _processor() -> str:
+def processor() -> str:
     """What -march=native may depend on: a home directory can be shared by machines that differ."""
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
@@ -50,21 +52,22 @@ def _processor() -> str:
     return "\n".join(line for line in first if line.split(":")[0].strip().lower() in wanted)
 
 
-def load_library(source: str, optimisation: str, entry: str) -> ctypes.CDLL | None:
+def load_library(source: str, optimisation: str, entry: str, *, portable: bool = False) -> ctypes.CDLL | None:
     """Compile C source (or find it compiled) and load it.
 
     Args:
         source: C text; the whole of it, since its hash is the key of the cache.
         optimisation: `-O1` .. `-O3`. entry: the function that the library must have.
+        portable: for any processor of this kind, with every operation rounded on its own; else for this one.
     Returns:
         the library, or None if there is no compiler or it failed (the log says how).
     """
     compiler = find_compiler()
     if compiler is None:
-        logger.info("no C compiler that works (CC, cc, gcc, clang)")
+        logger.info("no C compiler that works (CC, cc, gcc, clang, ziglang)")
         return None
-    flags = (optimisation, *FLAGS)
-    parts = [source, *flags, *compiler.command, compiler.version, _processor(), platform.platform()]
+    flags = (optimisation, *FLAGS, *(compiler.portable + PORTABLE if portable else NATIVE))
+    parts = [source, *flags, *compiler.command, compiler.version, processor(), platform.platform()]
     key = hashlib.sha256("\0".join(parts).encode(errors="surrogateescape")).hexdigest()[:32]
     for place in (_kept, private_folder):
         try:
@@ -155,12 +158,14 @@ def _build(compiler: Compiler, flags: tuple[str, ...], source: str, folder: Path
         arguments = [*flags, "-o", str(built), str(text), "-lm"]
         own = {"TMPDIR": scratch}  # the compiler's own temporary files: the user's TMPDIR may be full
         try:
-            compile_c(compiler, [NATIVE, *arguments], own)
+            compile_c(compiler, arguments, own)
         except HungError:
             raise
         except CompilerError as error:  # some compilers know no -march=native
+            if NATIVE[0] not in arguments:
+                raise
             logger.info("%s", error)
-            compile_c(compiler, arguments, own)
+            compile_c(compiler, [each for each in arguments if each != NATIVE[0]], own)
         try:
             content = read_own_file(built, _LONGEST)
         except FileNotFoundError:

@@ -1,4 +1,4 @@
-"""The user's C compiler: found once, run with an end in sight.
+"""The user's C compiler, or the one that `symcal[fast]` brings: found once, run with an end in sight.
 
 A compiler is a foreign program: it may be missing, refuse, hang, start children, read its standard input or talk
 without end. None of this stops the caller, who learns in one sentence what happened.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
+import platform
 import shlex
 import shutil
 import signal
@@ -18,7 +19,11 @@ import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
 from typing import IO
+
+from symcal.kernels.own_folder import cache_folder, open_own_folder, private_folder
 
 logger = logging.getLogger(__name__)
 
@@ -29,6 +34,9 @@ COMPILE_TIMEOUT_S = 60.0
 """For one kernel: the longest that is compiled (20 000 instructions) takes gcc some 15 s. A compiler that took more is
 not asked again."""
 
+BUNDLED_TIMEOUT_S = 300.0
+"""For the compiler that comes as a package: the first time it compiles what a C library needs (10 s of CPU time)."""
+
 _KEPT = 64 * 1024  # bytes of output that are kept; the rest is read and dropped
 _UNREAPED_S = 2.0  # a killed child is gone at once, unless the kernel holds it
 
@@ -38,10 +46,27 @@ _hung: set[tuple[str, ...]] = set()
 
 @dataclass(frozen=True, slots=True)
 class Compiler:
-    """A C compiler that answered: its command line and what it calls itself."""
+    """A C compiler that answered: its command line and what it calls itself.
+
+    bundled: whether it is Zig's, from the package `ziglang`.
+    """
 
     command: tuple[str, ...]
     version: str
+    bundled: bool = False
+
+    @property
+    def name(self) -> str:
+        """The first line of what it calls itself."""
+        first = next(iter(self.version.strip().splitlines()), "") or Path(self.command[0]).name
+        return f"zig's {first}" if self.bundled else first
+
+    @property
+    def portable(self) -> tuple[str, ...]:
+        """Flags for what every processor of this kind can run, whatever this one could do."""
+        if platform.machine().lower() not in ("x86_64", "amd64"):
+            return ()
+        return ("-mcpu=baseline",) if self.bundled else ("-march=x86-64",)
 
 
 class CompilerError(OSError):
@@ -53,7 +78,10 @@ class HungError(CompilerError):
 
 
 def find_compiler() -> Compiler | None:
-    """The C compiler of this machine: the CC variable if set (and then no other), else cc, gcc or clang on the PATH.
+    """The C compiler of this machine.
+
+    The CC variable if set (and then no other), else cc, gcc or clang on the PATH, else Zig's if the package `ziglang`
+    is installed (`pip install symcal[fast]`).
 
     None, with a log entry, where there is none that works, or the one found has hung in this process.
     """
@@ -77,10 +105,44 @@ def _find_compiler(cc: str, path: str) -> Compiler | None:
             return Compiler(full, run([*full, "--version"], VERSION_TIMEOUT_S, keep="stdout"))
         except CompilerError as error:
             logger.info("%s", error)
-    return None
+    return None if asked else _bundled()
 
 
-WITHOUT = "kernels run in CasADi's virtual machine"
+def _bundled() -> Compiler | None:
+    """Zig's C compiler. Its program is started, not `python -m ziglang`: that would look in the current folder first."""
+    spec = find_spec("ziglang")
+    if spec is None or spec.origin is None:
+        return None
+    program = Path(spec.origin).with_name("zig.exe" if sys.platform == "win32" else "zig")
+    if not program.is_file():
+        return None
+    command = (str(program), "cc")
+    try:
+        return Compiler(command, run([*command, "--version"], VERSION_TIMEOUT_S, keep="stdout"), bundled=True)
+    except CompilerError as error:
+        logger.info("%s", error)
+        return None
+
+
+def _own_cache() -> dict[str, str]:
+    """Where Zig keeps what it compiled of the C library, which becomes part of what we load: in a safe folder.
+
+    Raises:
+        OSError: there is no place, not even a temporary one.
+    """
+    folder = cache_folder()
+    try:
+        if folder is None:
+            raise OSError
+        open_own_folder(folder)
+    except OSError:
+        folder = private_folder()
+    place = folder / "zig"
+    place.mkdir(exist_ok=True, mode=0o700)
+    return {"ZIG_GLOBAL_CACHE_DIR": str(place), "ZIG_LOCAL_CACHE_DIR": str(place)}
+
+
+WITHOUT = "kernels run without C"
 """What happens then, for messages."""
 
 
@@ -94,12 +156,30 @@ def compile_c(compiler: Compiler, arguments: Sequence[str], environment: Mapping
     """
     if compiler.command in _hung:
         raise HungError(f"{compiler.command[0]} has hung before")
+    limit = BUNDLED_TIMEOUT_S if compiler.bundled else COMPILE_TIMEOUT_S
+    own = {**_environment(compiler), **(environment or {})}
     try:
-        run([*compiler.command, *arguments], COMPILE_TIMEOUT_S, keep="stderr", environment=environment)
+        run([*compiler.command, *arguments], limit, keep="stderr", environment=own)
     except HungError:
         _hung.add(compiler.command)
-        message = f"{compiler.command[0]} did not finish in {COMPILE_TIMEOUT_S:.0f} s and is not used again"
+        message = f"{compiler.command[0]} did not finish in {limit:.0f} s and is not used again"
         raise HungError(message) from None
+
+
+def output_of(compiler: Compiler, arguments: Sequence[str], timeout: float) -> str:
+    """What a compiler writes to its standard output.
+
+    Raises:
+        CompilerError: as `run`.
+    """
+    return run([*compiler.command, *arguments], timeout, keep="stdout", environment=_environment(compiler))
+
+
+def _environment(compiler: Compiler) -> dict[str, str]:
+    try:
+        return _own_cache() if compiler.bundled else {}
+    except OSError as error:
+        raise CompilerError(f"there is no folder for {compiler.command[0]} to work in: {error}") from None
 
 
 def run(command: Sequence[str], timeout: float, *, keep: str, environment: Mapping[str, str] | None = None) -> str:

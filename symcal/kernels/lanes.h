@@ -97,6 +97,19 @@ INLINE void v_sincos(V x, V *sine, V *cosine) {
   }
 }
 
+/* The same for one number, where libm is not to be asked: its last bit differs between versions and processors. */
+COLD double scalar_sin(double x) {
+  V s, c;
+  v_sincos(v_all(x), &s, &c);
+  return s[0];
+}
+
+COLD double scalar_cos(double x) {
+  V s, c;
+  v_sincos(v_all(x), &s, &c);
+  return c[0];
+}
+
 /* ---- comparisons, logic: truth is the number 1, and anything but 0 is true ---- */
 
 INLINE V v_if(M where, V yes, V no) { return (V)(((M)yes & where) | ((M)no & ~where)); }
@@ -170,6 +183,14 @@ INLINE V v_load(const double *row, ptrdiff_t width) {
 
 INLINE void v_store(double *row, ptrdiff_t width, V a) {
   for (int i = 0; i < LANES; i++) row[i * width] = a[i];
+}
+
+/* Ask for memory that is written soon: in results that no cache holds, storing costs twice as much without it. Beyond the
+   end of an array nothing happens. */
+#define AHEAD 8 /* blocks, some 10 kB of a Jacobian */
+
+INLINE void v_expect(const double *at, ptrdiff_t count) {
+  for (ptrdiff_t k = 0; k < count; k += 8) __builtin_prefetch(at + k, 1, 3);
 }
 
 /* Four neighbouring elements at once: a transposition in registers, then whole quarters of a cache line. */

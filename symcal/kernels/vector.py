@@ -21,13 +21,19 @@ from symcal.kernels.instructions import (
 
 ENTRY = "symcal_kernel"
 
+_OWN_SINES = """#undef real_sin
+#undef real_cos
+#define real_sin(a) scalar_sin(a)
+#define real_cos(a) scalar_cos(a)"""
 
-def kernel_source(program: Program, batched: tuple[bool, ...]) -> str:
+
+def kernel_source(program: Program, batched: tuple[bool, ...], *, portable: bool = False) -> str:
     """C source of `void symcal_kernel(ptrdiff_t n, const double *in..., double *out...)`.
 
     Args:
         program: what to compute.
         batched: per input, whether it has n rows (True) or is shared by all rows; at least one is batched.
+        portable: sines and cosines of shared values are our own too, not libm's.
     Returns:
         source for GCC or Clang. All input pointers, then all output pointers; arrays are row-major, batch first.
     """
@@ -44,7 +50,7 @@ def kernel_source(program: Program, batched: tuple[bool, ...]) -> str:
     part = ", ".join(["shared", *(f"{n}_part" for n, _ in rows_in + rows_out)])
     lines = [
         resources.files(__package__).joinpath("lanes.h").read_text(encoding="utf-8"),
-        scalar_definitions([program]),
+        scalar_definitions([program]) + (_OWN_SINES if portable else ""),
         f"static void shared_values({', '.join([*(f'const double *{n}' for n in shared_names), 'double *shared'])}) {{",
         *(f"  {line}" for line in shared_lines),
         "}",
@@ -56,7 +62,10 @@ def kernel_source(program: Program, batched: tuple[bool, ...]) -> str:
         f"  double shared[{max(shared_count, 1)}];",
         f"  shared_values({', '.join([*shared_names, 'shared'])});",
         "  ptrdiff_t i = 0;",
-        f"  for (; i + LANES <= n; i += LANES) block({whole});",
+        "  for (; i + LANES <= n; i += LANES) {",
+        *(f"    v_expect({n} + (i + AHEAD * LANES) * {size}, LANES * {size});" for n, size in rows_out),
+        f"    block({whole});",
+        "  }",
         "  if (i == n) return;",
         *(f"  double {n}_part[LANES * {size}];" for n, size in rows_in + rows_out),
         "  for (ptrdiff_t k = 0; k < LANES; k++) {",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -15,7 +15,6 @@ from symcal.bench.case import Case, case_of
 from symcal.bench.contest import Contest, Entry, Progress, hold
 from symcal.bench.peers import casadi_map, jax_arm, numpy_batch, numpy_loop, pinocchio_arm
 from symcal.bench.rounds import Contender, Pace
-from symcal.errors import InputError
 from symcal.kernels import BatchFunction, batch_function
 
 Array = NDArray[np.float64]
@@ -34,6 +33,7 @@ CASADI_C, CASADI_VM = "CasADi, generated C", "CasADi, virtual machine"
 NUMPY, LOOP, JAX, PINOCCHIO = "NumPy, all poses at once", "NumPy, pose by pose", "JAX", "pinocchio"
 
 _MOST = 1000  # postures of those that go pose by pose: more show nothing new
+WITHOUT_COMPILER: tuple[Literal["numpy", "vm"], ...] = ("numpy", "vm")
 _OURS = {"c": "symcal", "numpy": "symcal, NumPy", "vm": "symcal, virtual machine"}
 
 
@@ -67,7 +67,10 @@ def contest(case: Case, size: int, generated: ca.Function | None, seed: int = 1)
 
     for backend, batch in ours.items():
         call = partial(batch, q, x, case.setup)
-        enter(_OURS[backend], call, "one call", _by_rows(call()), EXACT)
+        enter(_OURS[backend], call, "one call, fresh results", _by_rows(call()), EXACT)
+        filled = batch.prepared(q, x, case.setup)
+        name = f"{_OURS[backend]}, in place"
+        enter(name, filled, "prepared(), results allocated beforehand", _by_rows(filled()), EXACT)
     for name, function in {CASADI_C: generated, CASADI_VM: case.function}.items():
         if function is None:
             absent[name] = "no C compiler"
@@ -114,13 +117,9 @@ def contest(case: Case, size: int, generated: ca.Function | None, seed: int = 1)
 def own_paths(case: Case) -> dict[str, BatchFunction]:
     """Our function on every path that this machine and this version have, the usual one first."""
     usual = batch_function(case.function)
-    paths: dict[str, BatchFunction] = {usual.backend: usual}
-    for backend in ("numpy", "vm"):
-        try:
-            found = batch_function(case.function, backend=backend)  # type: ignore[arg-type]
-        except InputError:  # an earlier version has no such path
-            continue
-        paths.setdefault(found.backend, found)
+    paths = {usual.backend: usual}
+    for backend in WITHOUT_COMPILER:
+        paths.setdefault(backend, batch_function(case.function, backend=backend))
     return paths
 
 

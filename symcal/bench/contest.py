@@ -41,12 +41,13 @@ class Contest:
     absent: dict[str, str] = field(default_factory=dict)
 
 
-def hold(contest: Contest, pace: Pace) -> dict[str, Any]:
-    """Measure all that agree; the content of one contest in bench.json."""
-    taking_part = [entry for entry in contest.entries if entry.agrees]
+def hold(contest: Contest, pace: Pace, names: tuple[str, ...] | None = None) -> dict[str, Any]:
+    """Measure all that agree, or of these those that are named; the content of one contest in bench.json."""
+    wanted = [entry for entry in contest.entries if names is None or entry.contender.name in names]
+    taking_part = [entry for entry in wanted if entry.agrees]
     kept = summary(measure(tuple(entry.contender for entry in taking_part), pace), contest.reference)
     absent = dict(contest.absent)
-    for entry in contest.entries:
+    for entry in wanted:
         if not entry.agrees:
             by = f"{entry.difference:.1e}, allowed {entry.allowed:g}"
             absent[entry.contender.name] = f"computes something else: {contest.compared} differ by {by}"

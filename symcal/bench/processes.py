@@ -15,11 +15,12 @@ from pathlib import Path
 _LAUNCHER = """
 import json, os, subprocess, sys, time
 began = time.perf_counter()
-child = subprocess.Popen(sys.argv[1:], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+with open(sys.argv[1], "wb") as output:
+    child = subprocess.Popen(sys.argv[2:], stdin=subprocess.DEVNULL, stdout=output)
 _, status, used = os.wait4(child.pid, 0)
 wall = time.perf_counter() - began
+child.returncode = status  # it is reaped
 print(json.dumps([status, wall, used.ru_utime + used.ru_stime, used.ru_maxrss]))
-os._exit(0)
 """
 
 
@@ -38,20 +39,30 @@ class Ended:
 
 
 def run_process(
-    command: Sequence[str], environment: Mapping[str, str] | None = None, folder: Path | None = None
+    command: Sequence[str],
+    environment: Mapping[str, str] | None = None,
+    folder: Path | None = None,
+    output: Path | None = None,
 ) -> Ended:
-    """Run to its end, with nothing to read and its output dropped.
+    """Run to its end, with nothing to read.
 
     Args:
-        environment: variables that differ from this process's. folder: where it runs.
+        environment: variables that differ from this process's. folder: where it runs. output: file for what it
+            prints; dropped when None.
     """
     own = {**os.environ, **(environment or {})}
     if sys.platform == "win32":
         began = time.perf_counter()
         end = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, env=own, cwd=folder, check=False)
+        if output is not None:
+            output.write_bytes(end.stdout)
         return Ended(end.returncode, time.perf_counter() - began, None, None, _last(end.stderr))
     launched = subprocess.run(
-        [sys.executable, "-I", "-S", "-c", _LAUNCHER, *command], capture_output=True, env=own, cwd=folder, check=True
+        [sys.executable, "-I", "-S", "-c", _LAUNCHER, str(output or os.devnull), *command],
+        capture_output=True,
+        env=own,
+        cwd=folder,
+        check=True,
     )
     status, wall, cpu, peak = json.loads(launched.stdout)
     unit = 1e6 if sys.platform == "darwin" else 1e3  # bytes there, kilobytes elsewhere

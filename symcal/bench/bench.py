@@ -38,7 +38,9 @@ def run_bench(*, quick: bool = False, only: str | None = None, progress: Progres
     curves: list[dict[str, Any]] = []
     with one_core():
         if positions.SUBJECT in chosen:
-            held.extend(positions.run(positions.QUICK_SIZES if quick else positions.SIZES, pace, progress))
+            held.extend(
+                positions.run(positions.QUICK_SIZES if quick else positions.SIZES, pace, progress, slow=not quick)
+            )
         if identifications.SUBJECT in chosen:
             held.extend(identifications.run(identifications.BATCH, pace, progress, slow=not quick))
         if growth.SUBJECT in chosen:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from symcal.bench.arms import handling_robot, random_errors
-from symcal.bench.contest import Progress
+from symcal.bench.contest import LEFT_OUT, Progress
 from symcal.bench.machine import version
 from symcal.bench.processes import Ended, run_process, symcal_command
 from symcal.bench.rounds import quartiles
@@ -88,7 +88,7 @@ def _commands(experiment: Path, folder: Path, *, slow: bool) -> tuple[dict[str, 
     if not slow:
         for who in ("symcal identify --no-report", "symcal identify"):
             del commands[who]
-            absent[who] = "left out by --quick"
+            absent[who] = LEFT_OUT
     for package, module in _IMPORTS.items():
         who = f"import {module}"
         if version(package) is None:
@@ -96,7 +96,7 @@ def _commands(experiment: Path, folder: Path, *, slow: bool) -> tuple[dict[str, 
         elif slow:
             commands[who] = python(f"import {module}")
         else:
-            absent[who] = "left out by --quick"
+            absent[who] = LEFT_OUT
     return commands, absent
 
 

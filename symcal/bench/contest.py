@@ -10,6 +10,8 @@ from symcal.bench.rounds import Contender, Pace, measure, summary
 
 Progress = Callable[[str], None]
 
+LEFT_OUT = "left out by --quick"
+
 
 @dataclass(frozen=True, slots=True)
 class Entry:

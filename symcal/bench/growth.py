@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from symcal.bench import own_fits
@@ -18,6 +19,7 @@ from symcal.bench.peers import casadi_map, numpy_batch, scipy_fit
 from symcal.bench.positions import CASADI_C, NUMPY
 from symcal.bench.rounds import Contender, Pace, measure
 from symcal.kernels import batch_function
+from symcal.robot.robot import Robot
 
 SUBJECT = "growth"
 OURS = "symcal"
@@ -38,7 +40,7 @@ class Sizes:
     held: int = 1000
 
 
-QUICK_SIZES = Sizes((10, 100, 1000, 10_000), (10, 100, 1000), (3, 6), (4, 12), (1, 10, 100, 1000), (1000, 10), 300)
+QUICK_SIZES = Sizes((10, 100, 1000, 10_000), (10, 100, 1000), (3, 6), (4, 12), (1, 10, 100, 1000), (1000, 3), 300)
 FULL_SIZES = Sizes(
     (10, 100, 1000, 10_000, 100_000, 1_000_000),
     (10, 100, 1000, 10_000, 100_000),
@@ -48,8 +50,6 @@ FULL_SIZES = Sizes(
     (10_000, 10),
 )
 
-_Makers = dict[str, Callable[[], object]]
-
 
 def run(sizes: Sizes, pace: Pace, progress: Progress) -> Iterator[dict[str, Any]]:
     """One panel for each size that grows.
@@ -58,22 +58,20 @@ def run(sizes: Sizes, pace: Pace, progress: Progress) -> Iterator[dict[str, Any]
         its content in bench.json.
     """
     held = f"of {sizes.held} postures"
-    yield _panel("postures", "position and Jacobian", sizes.postures, pace, progress, partial(_postures, sizes))
-    yield _panel("postures", "one identification", sizes.fitted, pace, progress, partial(_fitted, sizes))
-    yield _panel(
-        "joints", f"position and Jacobian {held}", sizes.joints, pace, progress, lambda n: _held(revolute_arm(n), sizes)
-    )
-    yield _panel(
-        "parameters",
-        f"position and Jacobian {held}, seven joints",
-        sizes.parameters,
-        pace,
-        progress,
-        lambda n: _held(revolute_arm(7, n), sizes),
-    )
-    yield _panel(
-        "trials", f"identifications from {POSES} postures", sizes.trials, pace, progress, partial(_trials, sizes)
-    )
+    case = case_of(handling_robot())
+    with casadi_map.compiled(case.function) as generated:
+
+        def postures(count: int) -> Iterator[Contender]:
+            return _positions(case, count, generated, peers=count <= sizes.peers[0])
+
+        yield _panel("postures", "position and Jacobian", sizes.postures, pace, progress, postures)
+    fitted, trials = partial(_fitted, case, sizes), partial(_trials, case, sizes)
+    yield _panel("postures", "one identification", sizes.fitted, pace, progress, fitted)
+    name = f"position and Jacobian {held}"
+    yield _panel("joints", name, sizes.joints, pace, progress, lambda n: _held(revolute_arm(n), sizes))
+    name += ", seven joints"
+    yield _panel("parameters", name, sizes.parameters, pace, progress, lambda n: _held(revolute_arm(7, n), sizes))
+    yield _panel("trials", f"identifications from {POSES} postures", sizes.trials, pace, progress, trials)
 
 
 def power(sizes: tuple[int, ...], seconds: tuple[float, ...]) -> float | None:
@@ -110,38 +108,35 @@ def _panel(
     }
 
 
-def _held(robot: Any, sizes: Sizes) -> Iterator[Contender]:
-    yield from _positions(case_of(robot), sizes.held)
+def _held(robot: Robot, sizes: Sizes) -> Iterator[Contender]:
+    case = case_of(robot)
+    with casadi_map.compiled(case.function) as generated:
+        yield from _positions(case, sizes.held, generated)
 
 
-def _postures(sizes: Sizes, count: int) -> Iterator[Contender]:
-    yield from _positions(case_of(handling_robot()), count, peers=count <= sizes.peers[0])
-
-
-def _positions(case: Case, count: int, *, peers: bool = True) -> Iterator[Contender]:
+def _positions(case: Case, count: int, generated: ca.Function | None, *, peers: bool = True) -> Iterator[Contender]:
     rng = np.random.default_rng(4)
     q, x = random_postures(case.robot, count, rng), random_errors(case.names, rng)
     yield Contender(OURS, partial(batch_function(case.function), q, x, case.setup), 1)
     if not peers:
         return
-    with casadi_map.compiled(case.function) as generated:
-        if generated is not None:
-            yield Contender(CASADI_C, casadi_map.mapped(generated, (q,), (x, case.setup)), 1)
+    if generated is not None:
+        yield Contender(CASADI_C, casadi_map.mapped(generated, (q,), (x, case.setup)), 1)
     yield Contender(NUMPY, partial(numpy_batch.positions_and_slopes, case.arm, q, x), 1)
 
 
-def _fitted(sizes: Sizes, count: int) -> Iterator[Contender]:
+def _fitted(case: Case, sizes: Sizes, count: int) -> Iterator[Contender]:
     """One identification from so many postures."""
-    repeated = repeat(case_of(handling_robot()), 1, count)
+    repeated = repeat(case, 1, count)
     yield Contender(OURS, own_fits.single(repeated.case, repeated.q, repeated.z, SIGMA, repeated.free), 1)
     if count <= sizes.peers[0]:
         slopes = partial(numpy_batch.positions_and_slopes, repeated.case.arm, repeated.q)
         yield Contender(_SCIPY, partial(scipy_fit.fit_exact, repeated.problem, slopes, "lm"), 1)
 
 
-def _trials(sizes: Sizes, count: int) -> Iterator[Contender]:
+def _trials(case: Case, sizes: Sizes, count: int) -> Iterator[Contender]:
     """So many identifications in one call."""
-    repeated = repeat(case_of(handling_robot()), count)
+    repeated = repeat(case, count)
     yield Contender(OURS, own_fits.many(repeated.case, repeated.q, repeated.z, SIGMA, repeated.free), 1)
     if count <= sizes.peers[1]:
         slopes = partial(numpy_batch.positions_and_slopes, repeated.case.arm, repeated.q)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from symcal.bench import own_fits
 from symcal.bench.arms import handling_robot, random_errors, random_postures
 from symcal.bench.case import Case, case_of, identifiable
-from symcal.bench.contest import Contest, Entry, Progress, hold
+from symcal.bench.contest import LEFT_OUT, Contest, Entry, Progress, hold
 from symcal.bench.peers import casadi_map, jax_arm, numpy_batch, numpy_loop, scipy_fit
 from symcal.bench.peers.fit_problem import FitProblem
 from symcal.bench.rounds import Contender, Pace
@@ -24,8 +24,8 @@ Array = NDArray[np.float64]
 SUBJECT = "identifications"
 POSES, SIGMA = 40, 0.05
 BATCH = 1000
-SOME = 10
-"""Identifications that those do in a round who do one after the other."""
+SOME, FEW = 10, 3
+"""Identifications that those do in a round who do one after the other, and so many in a quick run."""
 
 EXACT, DIFFERENCES = 1e-8, 1e-4
 """Largest relative difference of a cost from SciPy's at `TIGHT`: with exact slopes, and with finite differences."""
@@ -61,7 +61,7 @@ class Repeated:
 
 
 def run(batch: int, pace: Pace, progress: Progress, *, slow: bool) -> Iterator[dict[str, Any]]:
-    """The contest on the handling robot; ``slow``: with those that take a tenth of a second and more for one.
+    """The contest on the handling robot; ``slow``: see `contest`.
 
     Yields:
         its content in bench.json.
@@ -90,9 +90,10 @@ def contest(repeated: Repeated, generated: ca.Function | None, *, slow: bool = T
 
     Args:
         generated: the case's function as CasADi's own C; None where there is no compiler.
+        slow: with those that take a tenth of a second and more for one, and JAX, which has to compile.
     """
     case, q, z = repeated.case, repeated.q, repeated.z
-    arm, some = case.arm, min(SOME, len(z))
+    arm, some = case.arm, min(SOME if slow else FEW, len(z))
     tight = [scipy_fit.fit_exact(repeated.of(i), _numpy_slopes(repeated), "lm", TIGHT) for i in range(some)]
     wanted = repeated.costs(np.array(tight))
     entries: list[Entry] = []
@@ -122,7 +123,9 @@ def contest(repeated: Repeated, generated: ca.Function | None, *, slow: bool = T
         fit = partial(scipy_fit.fit_differences, readings=_posture_by_posture(repeated), method="lm")
         name = "SciPy lm, 2-point slopes (NumPy, pose by pose)"
         enter(name, "4x4 matrices", one_by_one(fit, 1), 1, DIFFERENCES)
-    _enter_jax(repeated, enter, absent)
+        _enter_jax(repeated, enter, absent)
+    else:
+        absent["JAX"] = LEFT_OUT
     name = f"identification of {len(repeated.problem.free)} parameters from {len(q)} postures"
     return Contest(SUBJECT, name, len(z), "identification", kind, "costs", tuple(entries), absent)
 

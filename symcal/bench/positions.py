@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from symcal.bench.arms import handling_robot, random_errors, random_postures
 from symcal.bench.case import Case, case_of
-from symcal.bench.contest import Contest, Entry, Progress, hold
+from symcal.bench.contest import LEFT_OUT, Contest, Entry, Progress, hold
 from symcal.bench.peers import casadi_map, jax_arm, numpy_batch, numpy_loop, pinocchio_arm
 from symcal.bench.rounds import Contender, Pace
 from symcal.kernels import BatchFunction, batch_function
@@ -32,13 +32,13 @@ DIFFERENCES = 1e-4
 CASADI_C, CASADI_VM = "CasADi, generated C", "CasADi, virtual machine"
 NUMPY, LOOP, JAX, PINOCCHIO = "NumPy, all poses at once", "NumPy, pose by pose", "JAX", "pinocchio"
 
-_MOST = 1000  # postures of those that go pose by pose: more show nothing new
+_FEW, _MOST = 40, 1000  # postures of those that go pose by pose: more show nothing new
 WITHOUT_COMPILER: tuple[Literal["numpy", "vm"], ...] = ("numpy", "vm")
 _OURS = {"c": "symcal", "numpy": "symcal, NumPy", "vm": "symcal, virtual machine"}
 
 
-def run(sizes: tuple[int, ...], pace: Pace, progress: Progress) -> Iterator[dict[str, Any]]:
-    """One contest for each number of postures of the handling robot.
+def run(sizes: tuple[int, ...], pace: Pace, progress: Progress, *, slow: bool = True) -> Iterator[dict[str, Any]]:
+    """One contest for each number of postures of the handling robot; ``slow``: see `contest`.
 
     Yields:
         its content in bench.json.
@@ -47,14 +47,15 @@ def run(sizes: tuple[int, ...], pace: Pace, progress: Progress) -> Iterator[dict
     with casadi_map.compiled(case.function) as generated:
         for size in sizes:
             progress(f"position and Jacobian, {size} postures")
-            yield hold(contest(case, size, generated), pace)
+            yield hold(contest(case, size, generated, slow=slow), pace)
 
 
-def contest(case: Case, size: int, generated: ca.Function | None, seed: int = 1) -> Contest:
+def contest(case: Case, size: int, generated: ca.Function | None, *, slow: bool = True, seed: int = 1) -> Contest:
     """Everybody's result at the same postures, compared with ours, and how to measure them.
 
     Args:
         generated: the case's function as CasADi's own C; None where there is no compiler.
+        slow: with what takes seconds: JAX, which has to compile, and a thousand postures one by one.
     """
     rng = np.random.default_rng(seed)
     q, x = random_postures(case.robot, size, rng), random_errors(case.names, rng)
@@ -85,15 +86,18 @@ def contest(case: Case, size: int, generated: ca.Function | None, seed: int = 1)
         numpy_batch.positions_and_slopes(case.arm, q, x),
         EXACT,
     )
-    if size <= _MOST:
-        slow = partial(numpy_loop.position_and_slopes, case.arm, q, x)
-        enter(LOOP, slow, "4x4 matrices, finite differences", slow(), DIFFERENCES)
+    if size <= (_MOST if slow else _FEW):
+        each = partial(numpy_loop.position_and_slopes, case.arm, q, x)
+        enter(LOOP, each, "4x4 matrices, finite differences", each(), DIFFERENCES)
     peers: tuple[tuple[str, Callable[..., Callable[[Array, Array], tuple[Any, Any]]], str], ...] = (
         (JAX, jax_arm.positions_and_slopes, "jit, vmap, jacrev"),
         (PINOCCHIO, pinocchio_arm.positions_and_slopes, "a joint for every turn and shift, pose by pose"),
     )
     for name, make, what in peers:
         if name == PINOCCHIO and size > _MOST:
+            continue
+        if name == JAX and not slow:
+            absent[name] = LEFT_OUT
             continue
         try:
             one = partial(make(case.arm), q, x)

@@ -34,7 +34,7 @@ def test_what_is_slow_is_measured_in_fewer_rounds() -> None:
     pace = Pace(rounds=9, sample_s=0.0, slow_s=-1.0)  # everything is slow
     samples = measure((Contender("a", record("a"), 1),), pace)
     assert len(samples["a"].cpu) == 3
-    assert len(calls) == 5
+    assert len(calls) == 4
 
 
 def test_a_ratio_is_that_of_rounds() -> None:
@@ -91,11 +91,10 @@ def test_all_paths_and_peers_agree_at_a_thousand_postures(handling: Case) -> Non
     assert next(e for e in contest.entries if e.contender.name == positions.LOOP).difference > positions.EXACT
 
 
-@pytest.mark.usefixtures("without_peers")
 def test_identifications_reach_the_cost_that_scipy_reaches(handling: Case) -> None:
     repeated = identifications.repeat(handling, 12)
     contest = identifications.contest(repeated, None, slow=False)
-    assert contest.absent == {"JAX": "not installed"}
+    assert contest.absent == {"JAX": "left out by --quick"}
     found = {entry.contender.name: entry.difference for entry in contest.entries}
     assert "symcal, 12 at once" in found
     assert "SciPy trf, 2-point slopes (NumPy)" in found
@@ -123,6 +122,13 @@ def _own(repeated: identifications.Repeated) -> np.ndarray:
 def test_jax_identifies_the_same(handling: Case) -> None:
     pytest.importorskip("jax")
     repeated = identifications.repeat(handling, 5)
-    found = {e.contender.name: e for e in identifications.contest(repeated, None, slow=False).entries}
+    found = {e.contender.name: e for e in identifications.contest(repeated, None).entries}
     assert found["JAX, 5 at once"].agrees
     assert found["JAX, single"].agrees
+
+
+@pytest.mark.usefixtures("without_peers")
+def test_without_jax_a_full_contest_says_so(handling: Case) -> None:
+    contest = identifications.contest(identifications.repeat(handling, 2), None)
+    assert contest.absent == {"JAX": "not installed"}
+    assert "SciPy lm, 2-point slopes (NumPy, pose by pose)" in {entry.contender.name for entry in contest.entries}

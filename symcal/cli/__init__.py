@@ -6,6 +6,7 @@ import signal
 import sys
 
 from symcal.cli.app import app
+from symcal.cli.bench import bench
 from symcal.cli.compare import compare
 from symcal.cli.deliver import compensate, export, import_, schema
 from symcal.cli.identify import check, identify, run, validate
@@ -15,7 +16,7 @@ from symcal.cli.stdout import named_stdout, silence
 from symcal.cli.study import study
 from symcal.errors import SymcalError, printable
 
-for command in (run, study, plan, board, camera, measure, identify, check, validate, compare, compensate, export):
+for command in (run, study, plan, board, camera, measure, identify, check, validate, compare, compensate, export, bench):
     app.command()(command)
 app.command("import")(import_)
 app.command()(schema)

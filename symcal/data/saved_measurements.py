@@ -36,12 +36,12 @@ def save_measurements(data: Dataset, robot: Robot, path: Path | str, head_lines:
     head += ["point"] if named else []
     head += [name if unit is None else f"{name}_{unit}" for name, unit in kind.file_columns]
     features = data.only.features or ("",)
-    read: list[list[bool]] = np.isfinite(data.z).reshape(len(data), len(features), size).any(axis=2).tolist()
+    read = np.asarray(np.isfinite(data.z).reshape(len(data), len(features), size).any(axis=2))
     joints, z, given = q.tolist(), data.z.tolist(), [[float(v) for v in values] for values in conditions.values()]
     sigma = None if data.sigma is None else data.sigma.tolist()
     for i in range(len(data)):
         for k, name in enumerate(features):
-            if read[i][k]:
+            if read[i, k]:
                 cells = z[i][size * k :][: len(kind.file_columns)]
                 cells += [] if sigma is None else sigma[i][width * k : width * (k + 1)]
                 own = [values[i] for values in given]

@@ -101,8 +101,12 @@ def _refuse_foreign(folder: Path, shown: Path, own: Collection[str] = ()) -> Non
     """Refuse what no run made, or what was changed since; an empty folder is nobody's."""
     if _is_folder(folder) is False:
         raise RefusedError(f"{shown} is not a folder: nothing was written; choose another --out")
+
+    def made_since(name: str) -> bool:
+        return name in own or (name.startswith(f"{CODE}/") and _made_from_code(name))
+
     try:
-        foreign = foreign_files(folder, made_since=lambda name: name in own or _made_from_code(name))
+        foreign = foreign_files(folder, made_since=made_since)
         known = not foreign or has_manifest(folder)
     except OSError as error:
         raise InputError(f"the output folder cannot be used: {error.strerror}", file=shown) from None

@@ -12,8 +12,11 @@ from symcal.trials.load import Study
 from symcal.trials.machine import Machine
 from symcal.trials.need import answers, label
 from symcal.trials.setting import setting_of
-from symcal.trials.statistics import CONFIDENCE, Question, cell_facts
+from symcal.trials.statistics import CONFIDENCE, Question, Share, cell_facts
 from symcal.trials.store import Store
+
+_CHANCE = 1e-3
+"""Of a warning that intervals do not hold, where all of a study's do."""
 
 
 def study_content(study: Study, description: Description, store: Store, machine: Machine) -> dict[str, Any]:
@@ -80,10 +83,11 @@ def _warnings(content: Mapping[str, Any]) -> list[str]:
                 f"than any, because they failed or were refused: {why}"
             )
         coverage = cell["coverage"]
-        if coverage and coverage["position"]["high"] < CONFIDENCE:
+        held = None if coverage is None else Share(coverage["position"]["count"], coverage["position"]["of"])
+        if held is not None and held.below(CONFIDENCE) < _CHANCE / len(content["cells"]):
             found.append(
                 f"{label(cell, content['varied'])}: intervals of positions that should hold the truth in 95 % of the "
-                f"trials hold it in {100 * coverage['position']['share']:.1f} %"
+                f"trials hold it in {100 * held.value:.1f} %"
             )
     if content["machine"]["portable"]:
         found.append(

@@ -87,6 +87,10 @@ class Share:
         tail = (1 - CONFIDENCE) / 2
         return 1.0 if self.count == self.of else float(betaincinv(self.count + 1, self.of - self.count, 1 - tail))
 
+    def below(self, probability: float) -> float:
+        """Chance of so few, or fewer, where each has this probability."""
+        return float(bdtr(self.count, self.of, probability))
+
     def facts(self) -> dict[str, Any]:
         value = self.value if self.of else None
         return {"count": self.count, "of": self.of, "share": value, "low": self.low, "high": self.high}

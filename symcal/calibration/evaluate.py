@@ -133,7 +133,8 @@ def evaluate_each(state: State, data: Dataset) -> dict[str, Errors]:
     unplaced = state.unplaced
     state = settled(state, data)
     model = state.model
-    (error,) = model.accuracy(data.q, state.x, state.setup.under(data.conditions), np.nan_to_num(data.z))
+    judge = model.kernels.accuracy_for(len(data))
+    (error,) = judge(data.q, state.x, state.setup.under(data.conditions), np.nan_to_num(data.z))
     out: dict[str, Errors] = {}
     for part in model.measurement.parts:
         kind = part.observation.instrument

@@ -12,9 +12,7 @@ from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Options
 from symcal.fit.held_out import folds_of, steps_without
-from symcal.kernels.batch import WORTH_COMPILING
-from symcal.model.assembled import errors_kernel
-from symcal.model.model import Model, State
+from symcal.model.model import State
 
 FOLDS = 20
 
@@ -32,8 +30,6 @@ def left_out(calibration: Calibration, data: Dataset, options: Options) -> dict[
     if not np.isfinite(after.x).all():
         return None
     system, unplaced = linearised(model, train, after, options)
-    before = replace(calibration.before, model=_judging(calibration.before.model, len(train)))
-    model = _judging(model, len(train))
     found = []
     for fold, step in steps_without(system, after.x, after.variances, folds_of(system, FOLDS)):
         state = State(model, after.setup, after.x + step, unplaced)
@@ -44,9 +40,4 @@ def left_out(calibration: Calibration, data: Dataset, options: Options) -> dict[
         found.append(replace(errors, pose=fold[errors.pose]))
     if not found:
         return None
-    return {"before": evaluate(before, train), "after": pooled(found)}
-
-
-def _judging(model: Model, poses: int) -> Model:
-    """A model that is to judge so many poses: those are worth a compiled function."""
-    return model if poses < WORTH_COMPILING else replace(model, accuracy=errors_kernel(model.measurement, poses))
+    return {"before": evaluate(calibration.before, train), "after": pooled(found)}

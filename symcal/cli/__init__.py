@@ -16,7 +16,21 @@ from symcal.cli.stdout import named_stdout, silence
 from symcal.cli.study import study
 from symcal.errors import SymcalError, printable
 
-for command in (run, study, plan, board, camera, measure, identify, check, validate, compare, compensate, export, bench):
+for command in (
+    run,
+    study,
+    plan,
+    board,
+    camera,
+    measure,
+    identify,
+    check,
+    validate,
+    compare,
+    compensate,
+    export,
+    bench,
+):
     app.command()(command)
 app.command("import")(import_)
 app.command()(schema)

@@ -92,6 +92,8 @@ def check(
     from symcal.runs.load import load
 
     if document.data.get("kind") == "study":
+        from rich.markup import escape
+
         from symcal.trials.check import check_study
 
         for line in check_study(file):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from symcal.errors import InputError
 from symcal.kernels import BatchFunction, batch_function
+from symcal.kernels.path import Kind, chosen_kind
 from symcal.kinematics import chain, forward, function, pose_of
 from symcal.model.assembled import Assembled, RowKernel, errors_kernel, rows_kernel, slopes_kernel
 from symcal.model.content import Content, NoContentError, content
@@ -33,14 +34,18 @@ class Kernels:
 
     measurement: Measurement
     _poses: dict[str, BatchFunction] = field(default_factory=dict, repr=False)
+    _accuracy: dict[Kind, BatchFunction | Assembled] = field(default_factory=dict, repr=False)
 
     @cached_property
     def residuals(self) -> tuple[RowKernel, ...]:
         return tuple(rows_kernel(part) for part in self.measurement.parts)
 
-    @cached_property
-    def accuracy(self) -> BatchFunction | Assembled:
-        return errors_kernel(self.measurement)
+    def accuracy_for(self, poses: int) -> BatchFunction | Assembled:
+        """What is judged, for so many poses: it follows from their number which way is worth it."""
+        kind = chosen_kind("auto", poses)
+        if kind not in self._accuracy:
+            self._accuracy[kind] = errors_kernel(self.measurement, poses)
+        return self._accuracy[kind]
 
     @cached_property
     def jacobian(self) -> BatchFunction | Assembled:
@@ -88,7 +93,7 @@ class Model:
     @property
     def accuracy(self) -> BatchFunction | Assembled:
         """(q, x, setup, z) -> what is judged, see `Measurement.accuracy`."""
-        return self.kernels.accuracy
+        return self.kernels.accuracy_for(0)
 
     @property
     def jacobian(self) -> BatchFunction | Assembled:

@@ -74,8 +74,10 @@ class KernelPath:
     def bits(self) -> str:
         """What must be equal on two machines for their kernels to give the same bits; at the portable level only the
         libraries, whoever compiled and whichever processor ran."""
-        own = f"portable on {platform.machine()}" if self.portable else f"{self}, {self.instructions}, {self.processor}"
-        return f"{own}, {self.libraries}"
+        if self.portable:
+            return f"portable on {platform.machine()}, {self.libraries}"
+        used = str(self) if self.backend == "c" else f"{self} ({self.instructions})"
+        return f"{used}, {self.processor}, {self.libraries}"
 
 
 def chosen_kind(choice: Choice, evaluations: int | None) -> Kind:

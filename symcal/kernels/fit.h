@@ -2,10 +2,10 @@
 
    |prior x|^2 + |w (h(q, x) - z)|^2 -> min, by damped steps from triangles that all rows were taken into (householder.h).
    The first trial of a step is undamped; one that does not lower the cost is tried again with 1e-3, 1e-2, ... on the
-   scaled unknowns. A lane has converged when the linear model, for what it promises, can be wrong by no more than a share
-   `small` of the cost: the promised step is then made without looking. Its error is taken to be the promise times the
-   ratio of this step to the last one, which is how fast undamped steps converge. Or a lane has converged when an
-   accepted step gained no more than that share.
+   scaled unknowns. A lane has converged when what the linear model promises can be wrong by no more than a share `small`
+   of the cost: the promised step is then made without looking. Or when an accepted step gained no more than that share.
+   Undamped steps shrink at least in the ratio of this one to the last: that much of the promise is taken to be wrong,
+   and a hundred times more to be safe from curvature that no step shows.
    What a lane has found no longer changes, whatever its neighbours still do. */
 
 enum { CONVERGED = 0, TOO_MANY = 1, NOT_FINITE = 2 };
@@ -38,6 +38,7 @@ static void without_missing(const double *by_pose, const V *by_reading, V *block
 static void known_rows(const Job *job, const V *x, V *triangle, V *block, V *squares);
 
 #define FIRST_DAMPING 1e-3
+#define CAUTION 100.0
 #define LEAST_DAMPING 1e-7 /* below that of a step it is none */
 
 INLINE M m_finite(V a) { return (M)((a - a) == v_all(0.0)); }
@@ -140,8 +141,9 @@ static void fit_lanes(const Job *job, const ptrdiff_t *who, int real, const doub
     for (int j = 0; j < NF; j++) gain += held[j * NC + NF] * held[j * NC + NF];
     gain = half * gain;
     const V enough = v_all(job->small) * cost + v_all(job->nothing);
-    const V ratio = v_if(plain, v_fmin(v_root(gain / promise), v_all(1.0)), v_all(1.0));
-    const M last = better & (M)(gain * ratio <= enough);
+    const M known = better & plain & (M)(promise > none);
+    const V wrong = v_all(CAUTION) * gain * v_root(gain / promise);
+    const M last = better & (M)(v_if(known, v_fmin(wrong, gain), gain) <= enough);
     promise = v_if(better, gain, promise);
     cost = v_if(last, cost - gain, cost);
     M stop = last | settled;

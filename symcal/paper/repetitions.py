@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 NEW_RANDOM = "new_random"
 
-EXACT = Tolerances(cost=1e-14)
+EXACT = Tolerances(cost=1e-15)
 """Printed figures are then those of the minimum to all their digits."""
 
 _TOGETHER = 50  # repetitions whose test positions are held at once

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _FIRST_DAMPING, _LEAST_DAMPING = 1e-3, 1e-7
+_CAUTION = 100.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,9 +87,10 @@ def minimise_many(
         gain = 0.5 * np.sum(held[:, :, n] ** 2, axis=1)
         step = _steps(held)
         enough = small * cost[active] + nothing
-        with np.errstate(divide="ignore", invalid="ignore"):  # nothing was promised before the first step
-            ratio = np.where(plain, np.fmin(np.sqrt(gain / promise[active]), 1.0), 1.0)
-        last = better & (gain * ratio <= enough)
+        known = np.flatnonzero(better & plain & (promise[active] > 0))
+        doubt, ratio = gain.copy(), np.sqrt(gain[known] / promise[active[known]])
+        doubt[known] = np.minimum(_CAUTION * gain[known] * ratio, gain[known])
+        last = better & (doubt <= enough)
         promise[active[better]] = gain[better]
         x[active[last]] += step[last]
         cost[active[last]] -= gain[last]

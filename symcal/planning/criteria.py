@@ -46,7 +46,7 @@ class Criterion:
     value: M (..., n, n) -> (...), in the unit given. larger_is_better: how to compare values.
     score: M (..., n, n) -> (...), what searches maximise. slope: M (n, n) -> d score / dM, symmetric.
     concave: score is the logarithm of a concave function that is homogeneous of degree one.
-    smooth: it has a derivative everywhere. power: exponent of the multiplicative algorithm that suits it.
+    smooth: it has a derivative everywhere.
     root: psi^root is proportional to the value or to its reciprocal, so efficiencies are ratios of psi^root.
     """
 
@@ -58,7 +58,6 @@ class Criterion:
     slope: Callable[[Array], Array]
     concave: bool
     smooth: bool
-    power: float = 1.0
     root: float = 1.0
 
 
@@ -89,9 +88,9 @@ def criterion(name: str, *, poses: int = 1, accuracy: Accuracy | None = None) ->
             True,
             root=0.5,
         ),
-        "A": lambda: Criterion("A", "1", False, _trace_inverse, _score_a, _slope_a, True, True, 0.5),
+        "A": lambda: Criterion("A", "1", False, _trace_inverse, _score_a, _slope_a, True, True),
         "O5": lambda: Criterion(
-            "O5", "1", True, lambda m: np.exp(0.5 * _score_5(m)), _score_5, _slope_5, True, True, 2 / 3, 0.5
+            "O5", "1", True, lambda m: np.exp(0.5 * _score_5(m)), _score_5, _slope_5, True, True, 0.5
         ),
         "E": lambda: Criterion(
             "E", "1", True, lambda m: np.asarray(_eigenvalues(m)[..., 0]), _score_e, _slope_e, True, False
@@ -219,7 +218,7 @@ def _weighted_inverse(m: Array, weight: Array) -> Array:
 def _mean_error(accuracy: Accuracy) -> Criterion:
     score, slope = linear(accuracy.mean)
     return Criterion(
-        "I", "mm", False, lambda m: np.sqrt(_weighted_inverse(m, accuracy.mean)), score, slope, True, True, 0.5, 0.5
+        "I", "mm", False, lambda m: np.sqrt(_weighted_inverse(m, accuracy.mean)), score, slope, True, True, 0.5
     )
 
 

@@ -61,7 +61,7 @@ def test_other_optimal_designs_are_those_of_convex_optimisation(name, rng):
     assert theirs >= trace / (1 + ours.excess) * (1 - 1e-4)
 
 
-def test_vertex_exchange_solves_a_design_that_is_known(rng):
+def test_weights_of_a_design_are_those_that_is_known(rng):
     """Rows along the axes and inside their simplex: equal weights on the axes are D-optimal ([Pukelsheim2006])."""
     from symcal.planning.optimal_design import optimal_weights
 

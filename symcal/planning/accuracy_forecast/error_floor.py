@@ -26,6 +26,8 @@ from symcal.planning.worst_pose import FeasibleSet
 
 Array = NDArray[np.float64]
 
+_SLACK = 2e-3  # of the floor, relative: it is drawn, and no plan is judged by it
+
 
 @dataclass(frozen=True, slots=True)
 class ErrorFloor:
@@ -62,8 +64,8 @@ def error_floor(info: PoseInformation, accuracy: Accuracy, where: FeasibleSet, r
     # the bounds hold for any design: the ones without priors serve every number of poses
     none = np.zeros_like(info.prior)
     ground = _RIDGE * info.total(start) / len(start)
-    by_mean = optimal_design(info, criterion("I", accuracy=accuracy), where, ground, start, rng)
-    by_worst = optimal_design(info, criterion("D"), where, ground, start, rng)
+    by_mean = optimal_design(info, criterion("I", accuracy=accuracy), where, ground, start, rng, tolerance=_SLACK)
+    by_worst = optimal_design(info, criterion("D"), where, ground, start, rng, tolerance=_SLACK)
     weighted = [(accuracy.mean, by_mean)]
     spread = _spread(accuracy, by_worst)
     if spread is not None:

@@ -118,7 +118,7 @@ def test_the_command_answers(symcal, tmp_path):
     path.write_text(path.read_text().replace("outputs: {report: false, figures: false}\n", ""))
     code, out, err = symcal("study", path, "--workers", "1", "--out", "answered")
     assert (code, err) == (0, "")
-    assert "poses are enough for 0.0800 mm" in out
+    assert "poses are enough for 0.08 mm" in out
     assert "identified at once" in out
     assert "written to answered" in out
     names = {p.name for p in (tmp_path / "answered/figures").iterdir()}

@@ -186,7 +186,7 @@ def test_the_answer_is_the_fewest_poses_from_which_on_all_will_do():
     cells = [_cell(10, 0.08), _cell(15, 0.049), _cell(20, 0.052), _cell(30, 0.04), _cell(40, 0.03)]
     (answer,) = answers(cells, ("poses",), QUESTION)
     assert (answer["poses"], answer["sure"]) == (30, True)
-    assert answer["text"].startswith("30 poses are enough for 0.0500 mm: in 95")
+    assert answer["text"].startswith("30 poses are enough for 0.05 mm: in 95")
     assert "with 20 it is 0.0520 mm" in answer["text"]
 
 
@@ -198,7 +198,7 @@ def test_a_close_answer_says_so_and_none_is_told():
         [_cell(10, 0.08, plan="a"), _cell(20, 0.07, plan="a"), _cell(20, None, plan="b")], ("plan", "poses"), QUESTION
     )
     assert none["poses"] is None
-    assert none["text"].startswith("plan a: 0.0500 mm cannot be met: 20 poses leave 0.0700 mm")
+    assert none["text"].startswith("plan a: 0.05 mm cannot be met: 20 poses leave 0.0700 mm")
     assert "too many trials fail" in failing["text"]
 
 

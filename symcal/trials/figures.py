@@ -69,7 +69,7 @@ def error_figure(content: Content, store: Store) -> Illustration:
     column, chosen = _column(content), _spread(len(content["cells"]), MOST)
     with print_settings():
         listed = [cells[i] for i in _spread(len(cells), _ROWS)]
-        figure = sheet(WIDE, max(58.0, 22.0 + 4.2 * len(listed)))
+        figure = sheet(WIDE, max(58.0, 34.0 + 4.2 * len(listed)))
         left, right = figure.subplots(1, 2)
         for k, i in enumerate(chosen):
             values = np.sort(store.numbers(cells[i]["cell"], column)[column])
@@ -80,7 +80,7 @@ def error_figure(content: Content, store: Store) -> Illustration:
         left.set_xlim(left=0)
         grid(left)
         if len(chosen) > 1:
-            left.legend(loc="lower right", fontsize=5.5)
+            figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=2, fontsize=5.5)
         _boxes(right, listed, content)
         if tolerance is not None:
             for panel in (left, right):
@@ -93,7 +93,7 @@ def error_figure(content: Content, store: Store) -> Illustration:
         "two and of the median."
     )
     if tolerance is not None:
-        caption += f" The dashed line is the tolerance, {number(tolerance)} mm."
+        caption += f" The dashed line is the tolerance, {tolerance:g} mm."
     return Illustration(settle(figure), "errors", "Distribution of the error over trials", caption)
 
 
@@ -162,9 +162,7 @@ def need_figure(content: Content, store: Store) -> Illustration:
             grid(panel)
         if len(keys) > 1:
             figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=min(len(keys), 3))
-    dashed = (
-        "" if tolerance is None else f" Dashed: the tolerance, {number(tolerance)} mm, and {share} % of the trials."
-    )
+    dashed = "" if tolerance is None else f" Dashed: the tolerance, {tolerance:g} mm, and {share} % of the trials."
     second = "the median" if tolerance is None else "the share of the trials within the tolerance"
     caption = (
         f"The {_name(content)} that {share} % of the trials stay below, by {words} (left), and {second} (right); bars "

@@ -68,9 +68,9 @@ def _sentence(cells: Sequence[Cell], fewest: Cell | None, question: Mapping[str,
         far = f"{plural(best['shown']['poses'], 'pose')} leave {_quantile(best)}, the least of what was tried"
         if best["judged_mm"]["at_share"]["value"] is None:
             far = "too many trials fail"
-        return f"{number(tolerance)} mm cannot be met: {far}, for the {what} in {share} of the trials"
+        return f"{tolerance:g} mm cannot be met: {far}, for the {what} in {share} of the trials"
     poses = plural(fewest["shown"]["poses"], "pose")
-    met = f"{poses} {'is' if fewest['shown']['poses'] == 1 else 'are'} enough for {number(tolerance)} mm"
+    met = f"{poses} {'is' if fewest['shown']['poses'] == 1 else 'are'} enough for {tolerance:g} mm"
     met += f": in {share} of the trials the {what} is at most {_quantile(fewest)}"
     if not _met(fewest, question, "high"):
         met += ", which so few trials do not settle"

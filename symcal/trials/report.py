@@ -86,7 +86,7 @@ def _errors(content: Content) -> dict[str, Any]:
     )
     if within:
         head.append("within")
-        caption += f" Within: share of the trials within {number(question['tolerance_mm'])} mm, with its 95 % bounds."
+        caption += f" Within: share of the trials within {question['tolerance_mm']:g} mm, with its 95 % bounds."
     if len(content["cells"]) > _ROWS:
         caption += f" The other {len(content['cells']) - _ROWS} cells are in results.json."
     return {"head": head, "rows": rows, "caption": caption}

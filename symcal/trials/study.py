@@ -83,7 +83,7 @@ def run_study(
     require_replaceable(target, study.inputs, BESIDE)
     digest, data = packed(study.description)
     description = description_of(digest, data)
-    with opened(target) as store, closing(_computing(execution, digest, data)) as computing:
+    with closing(_computing(execution, digest, data)) as computing, opened(target) as store:
         _continue(store, study, computing.machine, target)
         missing = shards(store.gaps(description.trials), description, execution.shard or _shard(description))
         progress("computing")

@@ -250,7 +250,7 @@ def test_what_cannot_be_done_is_refused(handling: Robot, rng: np.random.Generato
 def test_targets_from_csv(handling: Robot, tmp_path: Path, rng: np.random.Generator) -> None:
     joints = rng.uniform(handling.lower, handling.upper, (7, 5))
     path = tmp_path / "joints.csv"
-    joint_columns(handling, joints).to_csv(path, index=False)
+    pd.DataFrame(joint_columns(handling, joints)).to_csv(path, index=False)
     targets = read_targets(path, handling)
     assert targets.joints is not None
     np.testing.assert_allclose(targets.joints, joints, atol=1e-12)

@@ -228,7 +228,7 @@ def _by_points(state: State, end: Ends, own: Dataset, data: Dataset, options: Op
 
     Of very many poses a few thousand are looked at: the fit of all comes after.
     """
-    own, data = own.few(), data.few()
+    own = own.few()
     model, setup, chain = state.model, state.setup, end.chain(own.q, state.x)
     if end.observation.instrument.camera is not None:
         return camera_guesses(end, own, chain, setup)
@@ -245,7 +245,7 @@ def _by_points(state: State, end: Ends, own: Dataset, data: Dataset, options: Op
     size = max(min(guess.rms for guess in guesses) / np.sqrt(3), floor)
     sigma = {g.name: size / (LEVER if g.unit == "rad" else 1.0) for g in model.measurement.groups}
     plain = replace(options, loss="linear", sigma=sigma)
-    alone, told = _read_by(model, data, [end.observation]), _told(end.observation) & end.open
+    alone, told = _read_by(model, data, [end.observation]).few(), _told(end.observation) & end.open
     names = tuple(name for name in model.placement if name in told)
     return min(setups, key=lambda s: _left(replace(state, setup=s), alone, names, plain))
 

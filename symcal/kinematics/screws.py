@@ -70,7 +70,7 @@ def stack(screws: tuple[Screw, ...], point: SX) -> SX:
     if not screws:
         return SX(3, 0)
     turns, slides, origins = (ca.horzcat(*(getattr(s, name) for s in screws)) for name in ("turn", "slide", "origin"))
-    own = slides + ca.cross(turns, ca.repmat(point, 1, len(screws)) - origins, 1)
+    own: SX = slides + ca.cross(turns, ca.repmat(point, 1, len(screws)) - origins, 1)
     if not any(screw.through for screw in screws):
         return own
     columns = zip(screws, ca.horzsplit(own), strict=True)

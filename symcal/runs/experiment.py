@@ -113,8 +113,9 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
         used = measured.take(np.array([s != "unused" for s in measured.split]))
         try:
             refine = refined(calibration, experiment.options)
-            own = (experiment.model, used, experiment.options, count, rng, refine)
-            errors["cross_validation"] = cross_validate(*own, near=calibration)
+            errors["cross_validation"] = cross_validate(
+                experiment.model, used, experiment.options, count, rng, refine, near=calibration
+            )
         except RefusedError as error:
             notes.append(f"cross-validation was not possible: {error}")
     notes += [*extrapolation(measured), *optimism(errors)]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from symcal.kernels.compile import load_library
 from symcal.kernels.fit_source import ENTRY, Layout, fit_source
 from symcal.kernels.instructions import Program
+from symcal.kernels.path import chosen_kind
 
 Array = NDArray[np.float64]
 
@@ -112,9 +113,9 @@ def fit_kernel(program: Program, layout: Layout, known: Program | None, prior: A
         program, layout, known: see `fit_source`. prior: upper triangular rows of what is known before, shape (k, k).
         width: scales of the damping, shape (k,).
     """
-    library = load_library(
-        fit_source(program, layout, known), "-O2" if len(program.instructions) < _LONG else "-O1", ENTRY
-    )
+    portable = chosen_kind("auto", None).portable
+    source, short = fit_source(program, layout, known, portable=portable), len(program.instructions) < _LONG
+    library = load_library(source, "-O2" if short else "-O1", ENTRY, portable=portable)
     if library is None:
         return None
     entry = getattr(library, ENTRY)

@@ -22,6 +22,7 @@ from symcal.kernels.instructions import (
     c_expression,
     scalar_definitions,
 )
+from symcal.kernels.vector import OWN_SINES
 
 ENTRY = "symcal_fit"
 
@@ -73,12 +74,13 @@ class _Stage:
         return "V" if self.vector else "double"
 
 
-def fit_source(program: Program, layout: Layout, known: Program | None = None) -> str:
+def fit_source(program: Program, layout: Layout, known: Program | None = None, *, portable: bool = False) -> str:
     """C source of `int symcal_fit(const Job *)`, see `fit.h`.
 
     Args:
         program: (q, x, setup, z) -> r, shape (m,), and J by the free errors, shape (m, n). known: (x, setup) -> the
-            same of what is known between things, whitened, if there is any.
+            same of what is known between things, whitened, if there is any. portable: sines of values outside of the
+            lanes are our own too.
     """
     ports = program.inputs
     rows, free = program.outputs[0].size, len(layout.free)
@@ -107,7 +109,7 @@ def fit_source(program: Program, layout: Layout, known: Program | None = None) -
             "#include <stdlib.h>",
             *(f"#define {name} {value}" for name, value in sizes.items()),
             f"static const int FREE[NF] = {{{', '.join(map(str, layout.free))}}};",
-            scalar_definitions([program] if known is None else [program, known]),
+            scalar_definitions([program] if known is None else [program, known]) + (OWN_SINES if portable else ""),
             _header("householder.h"),
             _header("fit.h"),
             *_function("void shared_values(const Job *job, double *shared)", once.lines),

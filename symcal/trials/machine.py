@@ -42,7 +42,9 @@ def this_machine(portable: bool = False) -> Machine:
     """What trials in this process are computed with."""
     path = path_in_use(PORTABLE if portable else "auto")
     program = f"symcal {version('symcal')} ({_source()}), scipy {version('scipy')}"
-    return Machine(path.processor, str(path), path.bits, program)
+    # fits are done by our own code in C and by LAPACK without
+    bits = f"{path.bits}, fits by {'C' if path.backend == 'c' else 'numpy'}"
+    return Machine(path.processor, str(path), bits, program)
 
 
 _SHOW = (

@@ -444,7 +444,7 @@ def test_a_fit_that_did_not_converge_says_so(options: Options) -> None:
     found = fitted(model, data, options)
     assert found.converged
     assert (found.trouble, found.message) == ("", found.solution.message)
-    cut = fitted(model, data, replace(options, tolerances=Tolerances(0.0, 0.0, 0.0, iterations=1)))
+    cut = fitted(model, data, replace(options, tolerances=Tolerances(0.0, 0.0, 0.0, iterations=0)))
     assert not cut.converged
     assert cut.message == cut.trouble
     assert "stopped" in cut.message

@@ -10,6 +10,7 @@ import multiprocessing
 import os
 import signal
 import sys
+import warnings
 from collections import deque
 from collections.abc import Iterable, Iterator
 from multiprocessing.connection import Connection, wait
@@ -43,7 +44,10 @@ def run_locally(digest: str, data: bytes, shards: Iterable[Shard], workers: int)
             ours, theirs = context.Pipe()
             forked = [*pipes, ours] if copied else []
             process: BaseProcess = context.Process(target=_work, args=(theirs, forked, digest, data), daemon=True)
-            process.start()
+            with warnings.catch_warnings():
+                # Python 3.12 warns of other threads, as of the progress bar: a copy touches none of their locks
+                warnings.simplefilter("ignore", DeprecationWarning)
+                process.start()
             theirs.close()
             pipes.append(ours)
             processes.append(process)

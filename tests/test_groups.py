@@ -104,7 +104,8 @@ class Dense:
             return value + 2 * np.log1p((off / tie.width) ** 2), slope[kept]
 
         noise = [2 * np.log(found.sigmas[g]) for g in ("position", "orientation")]
-        bounds = [(-30.0, 5.0)] * 2 + [(nothing, 2 * np.log(100.0))] * len(free)
+        # far below the noise there is, a dense covariance cannot be inverted
+        bounds = [(each - 8.0, each + 8.0) for each in noise] + [(nothing, 2 * np.log(100.0))] * len(free)
         best = np.inf
         for start in (0.0, -6.0):
             at = np.array([*noise, *[start] * len(free)])

@@ -251,9 +251,10 @@ def _fitted(
     rows = rows_of(model.measurement, train, setup, model.residuals, unplaced)
     at = stated(model, setup)
     nominal = np.zeros(len(model.parameters))
-    start, also = (None, None) if near is None else (_near(model, each, setup) for each in (near.offsets, near.after))
-    offsets = fit(rows, (*model.offsets, *free), options, prior_mean=at, nested=(nominal,), near=start)
-    after = fit(rows, (*model.kinematic, *free), options, prior_mean=at, nested=(nominal, offsets.x), near=also)
+    first = None if near is None else _near(model, near.offsets, setup)
+    second = None if near is None else _near(model, near.after, setup)
+    offsets = fit(rows, (*model.offsets, *free), options, prior_mean=at, nested=(nominal,), near=first)
+    after = fit(rows, (*model.kinematic, *free), options, prior_mean=at, nested=(nominal, offsets.x), near=second)
     before = State(model, setup, nominal, unplaced)
     raw = None if free else before
     if baseline is not None:

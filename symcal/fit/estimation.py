@@ -152,7 +152,7 @@ def fit(
         nested: estimates of models that are contained in this one, shape (n,) each: in the minimised objective none of
             them may be better than the result; where one is, the fit starts again from there.
         near: errors of all parameters, shape (n,), and variances of a fit to data that are much like these, from which
-            the rounds start; without a meaning for losses whose weights redescend, which start from Huber's.
+            the rounds start with the linear loss; noise by medians may settle elsewhere, so robust losses start as ever.
     Raises:
         RefusedError: fewer equations than unknowns that the data could see, or a model that gives no finite number.
         InputError: the loss is `auto`.
@@ -251,7 +251,7 @@ class _Search:
         told = all(np.isfinite(last.sigmas.get(name, np.nan)) for name in model.estimated) and all(
             name in last.factors for name in system.groups
         )
-        if not told or model.settled or model.loss in REDESCENDING:
+        if not told or model.settled or model.loss != "linear":
             return self._first(start, path)
         sigmas = dict(self.options.sigma) | {name: last.sigmas[name] for name in model.estimated}
         factors = {name: last.factors[name] if name in model.factors else 1.0 for name in system.groups}

@@ -152,7 +152,7 @@ def fit(
         nested: estimates of models that are contained in this one, shape (n,) each: in the minimised objective none of
             them may be better than the result; where one is, the fit starts again from there.
         near: errors of all parameters, shape (n,), and variances of a fit to data that are much like these, from which
-            the rounds start with the linear loss; noise by medians may settle elsewhere, so robust losses start as ever.
+            the rounds start with the linear loss; noise by medians may settle elsewhere: robust losses start as ever.
     Raises:
         RefusedError: fewer equations than unknowns that the data could see, or a model that gives no finite number.
         InputError: the loss is `auto`.

@@ -188,7 +188,7 @@ def extrapolation(data: Dataset) -> tuple[str, ...]:
     _, s, vt = np.linalg.svd(train - train.mean(axis=0), full_matrices=False)
     moved = s > 1e-9 * s[0]
     axes = vt[moved].T / s[moved] * np.sqrt(len(train) - 1)
-    own, others = _nearest(train @ axes, test @ axes)
+    own, others = nearest(train @ axes, test @ axes)
     if larger(others, own) >= _UNLIKE:
         return ()
     return (
@@ -198,7 +198,7 @@ def extrapolation(data: Dataset) -> tuple[str, ...]:
     )
 
 
-def _nearest(points: Array, others: Array) -> tuple[Array, Array]:
+def nearest(points: Array, others: Array) -> tuple[Array, Array]:
     """Distances of points to the nearest other one of them, shape (N,), and of others to the nearest point, (M,)."""
     if len(points) * (len(points) + len(others)) > _PAIRS:
         tree = scipy.spatial.cKDTree(points)

@@ -166,7 +166,7 @@ def _levers(calibration: Calibration, q: Array) -> Array:
     return np.asarray(np.linalg.norm(jacobian[:, :3], axis=1) / np.abs(rates))
 
 
-def _heaviest(found: Sequence[Found]) -> Found:
+def foremost(found: Sequence[Found]) -> Found:
     """Of largest weight; of those that weigh the same but for rounding, the last in the order of the patterns.
 
     Gravity at a joint that turns about a level axis is a wave of it, once to a turn: one and the same column. Gravity,
@@ -200,7 +200,7 @@ class _Search:
             significant = [now[name] for name in left if now[name].beside < LEVEL]
             if not significant:
                 break
-            best = _heaviest(significant)
+            best = foremost(significant)
             pattern = left.pop(best.name)
             tested = score.test(pattern.columns)
             if best.kind == "harmonic" and tested is not None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import ttest_rel
 
-from symcal.calibration.claims import Gain, extrapolation, optimism, outside
+from symcal.calibration.claims import Gain, extrapolation, nearest, optimism, outside
 from symcal.calibration.evaluate import Errors
 from symcal.data.dataset import Dataset, readings
 
@@ -135,3 +135,15 @@ def test_new_combinations_within_the_ranges_are(rng):
     assert "combine the joints in other ways" in extrapolation(poses(tied, free))[0]
     assert extrapolation(poses(tied[:150], tied[150:])) == ()
     assert extrapolation(poses(tied, free[:0])) == ()
+
+
+@pytest.mark.parametrize("count", [30, 600])
+def test_nearest_poses_are_those_of_a_search_one_by_one(count: int) -> None:
+    rng = np.random.default_rng(count)
+    points, others = rng.normal(size=(count, 4)), rng.normal(size=(12, 4))
+    own, beside = nearest(points, others)
+    for i in (0, 7, count - 1):
+        rest = np.delete(points, i, axis=0)
+        assert own[i] == pytest.approx(min(float(np.linalg.norm(points[i] - each)) for each in rest), rel=1e-12)
+    for found, other in zip(beside, others, strict=True):
+        assert found == pytest.approx(min(float(np.linalg.norm(other - each)) for each in points), rel=1e-12)

@@ -14,6 +14,7 @@ from symcal.calibration.compare import cross_validate, folds
 from symcal.data.dataset import Dataset
 from symcal.fit.estimation import Options
 from symcal.model.model import Model, State
+from symcal.placing.placement import from_other
 
 
 def pose_case() -> tuple[Model, Dataset]:
@@ -96,6 +97,44 @@ def test_a_start_far_off_leads_to_the_same_place() -> None:
     near = calibrate_near(model, None, data, Options(), far)
     assert _shift(near.states["after"], whole.states["after"]) < 1e-4
     assert _shift(near.states["before"], whole.states["before"]) < 1e-4
+
+
+@pytest.mark.parametrize("loss", ["linear", "huber", "tukey"])
+def test_variances_far_off_lead_to_the_same_place(loss) -> None:
+    """So are the variances of the whole fit: noise that is off by factors of ten and a third changes nothing."""
+    model, data = pose_case()
+    options = Options(loss=loss)
+    whole = calibrate(model, None, data, options, mistakes=())
+    (train, *_) = folds(data, 3, np.random.default_rng(1))
+    part = data.take(np.setdiff1d(np.arange(len(data)), train))
+    full = calibrate(model, None, part, options, mistakes=())
+    fits = {}
+    for name in ("offsets", "after"):
+        own = getattr(whole, name)
+        sigmas = {group: sigma * factor for (group, sigma), factor in zip(own.sigmas.items(), (10.0, 0.3), strict=True)}
+        fits[name] = replace(own, sigmas=sigmas, factor=own.factor * 2)
+    near = calibrate_near(model, None, part, options, replace(whole, **fits))
+    for name, state in full.states.items():
+        assert _shift(state, near.states[name]) < 1e-3, name
+    for group, sigma in full.after.sigmas.items():
+        assert near.after.sigmas[group] == pytest.approx(sigma, rel=1e-5)
+    assert near.after.factor == pytest.approx(full.after.factor, rel=1e-4)
+
+
+def test_errors_from_another_setup_are_the_same_robot_and_places() -> None:
+    model, data = two_instruments()
+    rng = np.random.default_rng(8)
+    found = calibrate(model, baseline_model(model), data, Options(), mistakes=())
+    other, x = found.setup, found.after.x
+    setup = other.moved({"wire_x": 40.0, "wire_y": -5.0, "wire_rz": 0.2}, model.measurement.points_called)
+    again = from_other(model, x, other, setup)
+    q = rng.uniform(-1, 1, (20, model.robot.dof))
+    z = np.nan_to_num(data.z[:20])
+    for kernel_z, kernel in zip(
+        (z[:, part.readings] for part in model.measurement.parts), model.residuals, strict=True
+    ):
+        (first, _), (second, _) = kernel(q, x, other.vector, kernel_z), kernel(q, again, setup.vector, kernel_z)
+        np.testing.assert_allclose(first, second, atol=1e-8)
 
 
 def test_what_is_held_stays_as_it_was() -> None:

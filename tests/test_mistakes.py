@@ -26,7 +26,7 @@ from symcal.calibration.evaluate import evaluate
 from symcal.calibration.held_out_outliers import held_out_outliers
 from symcal.calibration.mistakes.hypotheses import joint_hypotheses
 from symcal.calibration.mistakes.moved import moved_between
-from symcal.calibration.mistakes.rotation_fit import Channel, form, least, sums
+from symcal.calibration.mistakes.rotation_fit import Channel, form, least, least_left, left, sums
 from symcal.calibration.mistakes.scene import AS_GIVEN, joints_tried, readings_tried, scene_of
 from symcal.calibration.mistakes.search import find_mistakes
 from symcal.data.dataset import Dataset
@@ -251,3 +251,28 @@ def test_a_joint_column_too_many_is_refused(tmp_path: Path) -> None:
     rows[:, 6] = 3.0
     np.savetxt(path, rows, delimiter=",", header=head, comments="")
     assert any("q7_deg" in note for note in load_measurements(path, ARM, "position").notes)
+
+
+@pytest.mark.parametrize("name", ["puma", "fr3"])
+def test_what_cannot_explain_the_data_is_not_fitted(name: str) -> None:
+    """A limit on the score leaves all scores below it as they are, and its short cut is never above what rotations
+    leave, whichever are tried."""
+    model, data, _ = scene(name)
+    found = scene_of(model, data)
+    assert found is not None
+    hypotheses = joint_hypotheses(model.robot)
+    every = joints_tried(found, hypotheses)
+    for above in np.quantile(every.score, [0.1, 0.5]):
+        cut = joints_tried(found, hypotheses, above=float(above))
+        below = every.score < above
+        np.testing.assert_allclose(cut.score[below], every.score[below], rtol=1e-9)
+        np.testing.assert_allclose(cut.rms[below], every.rms[below], rtol=1e-9)
+        assert (cut.score[~below] >= above).all()
+        assert np.isinf(cut.score).any()
+    (sight, *_), z, at = found.sights, found.z[0], np.ones((1, len(found.q)), dtype=bool)
+    quadratic = form(
+        [(of.sum(axis=-2), located) for of, located in sight.sums(sight.chain(found.q[None]), z[None], at)]
+    )
+    turns = Rotation.random(500, rng=1).as_matrix()
+    assert float(least_left(quadratic)[0]) <= left(quadratic, turns).min()
+    assert float(least_left(quadratic)[0]) <= float(least(quadratic)[1][0])

@@ -14,7 +14,7 @@ from scipy import stats
 
 from symcal.calibration.calibrate import calibrate
 from symcal.calibration.lack_of_fit import postures
-from symcal.calibration.model_check import ModelCheck, lacks_physics, model_check
+from symcal.calibration.model_check import Found, ModelCheck, foremost, lacks_physics, model_check
 from symcal.calibration.model_words import model_check_facts, model_sentence, model_warnings
 from symcal.calibration.patterns import joint_patterns, joint_rows
 from symcal.data.dataset import Dataset
@@ -259,3 +259,23 @@ def test_the_figure_draws_residuals_along_the_joint() -> None:
     rest = np.linalg.lstsq(waves, check.along[:, 2], rcond=None)[1]
     assert float(rest[0]) < 0.6 * float(np.sum((check.along[:, 2] - check.along[:, 2].mean()) ** 2))
     assert np.sqrt(np.mean(check.along**2)) == pytest.approx(0.1, rel=0.6)
+
+
+@pytest.mark.parametrize("shift", [-1e-13, 0.0, 1e-13])
+def test_one_and_the_same_column_is_told_by_its_cause_whatever_is_rounded(shift: float) -> None:
+    found = [
+        Found(kind, kind, 0.0, 0.0, weight=weight) for kind, weight in (("harmonic", 2.0), ("gravity", 2.0 + shift))
+    ]
+    assert foremost(found).kind == "gravity"
+    more = replace(found[0], weight=2.001)
+    assert foremost([more, found[1]]) is more
+
+
+def test_postures_of_joints_that_never_repeat_are_told_without_a_tree() -> None:
+    q = np.random.default_rng(2).uniform(-1, 1, (50, 3))
+    assert np.array_equal(postures(q), np.arange(50))
+    repeated = np.vstack([q, q[[3, 3, 7]] + 1e-6])
+    same = postures(repeated)
+    assert same[50] == same[51] == same[3]
+    assert same[52] == same[7]
+    assert len(set(same.tolist())) == 50

@@ -195,9 +195,28 @@ def test_numeric_formats_are_those_of_scipy() -> None:
     np.testing.assert_allclose(np.abs(np.sum(found * quaternions, axis=1)), 1.0, atol=1e-15)
     np.testing.assert_allclose(spatial.quaternion_matrices(found), matrices, atol=2e-15)
     assert (found[:, 3] >= 0).all()
+    np.testing.assert_allclose(spatial.vector_matrix(spatial.matrix_vectors(matrices)), matrices, atol=2e-15)
+    vectors, expected = spatial.matrix_vectors(matrices), _ROTATIONS.as_rotvec()
+    half_turn = np.abs(np.linalg.norm(expected, axis=1) - np.pi) < 1e-9  # both signs of the axis are right
+    np.testing.assert_allclose(vectors[~half_turn], expected[~half_turn], atol=1e-14)
+    assert np.array_equal(spatial.matrix_vectors(np.eye(3)), np.zeros(3))
     angles = np.random.default_rng(3).uniform(-np.pi, np.pi, (4, 5, 3))
     witness = Rotation.from_euler("xyz", angles.reshape(-1, 3)).as_matrix().reshape(4, 5, 3, 3)
     np.testing.assert_allclose(spatial.rpy_matrix(angles), witness, atol=1e-15)
+
+
+def test_the_mean_rotation_is_that_of_scipy() -> None:
+    near = Rotation.from_rotvec(np.random.default_rng(4).normal(scale=0.8, size=(30, 3))) * Rotation.random(rng=6)
+    np.testing.assert_allclose(spatial.mean_rotation(near.as_matrix()), near.mean().as_matrix(), atol=1e-13)
+
+
+def test_many_roll_pitch_yaw_at_once_are_those_of_each() -> None:
+    matrices = np.concatenate([_ROTATIONS.as_matrix(), spatial.rpy_matrix(np.array([[0.3, np.pi / 2, 1.0]]))])
+    found = spatial.matrix_rpy(matrices)
+    np.testing.assert_allclose(spatial.rpy_matrix(found), matrices, atol=1e-12)
+    free = np.cos(found[:, 1]) > 1e-3
+    expected = Rotation.from_matrix(matrices[free]).as_euler("xyz")  # half a turn is both pi and -pi
+    np.testing.assert_allclose(np.exp(1j * found[free]), np.exp(1j * expected), atol=1e-12)
 
 
 @pytest.mark.parametrize("pitch", [0.3, -1.2, np.pi / 2, -np.pi / 2])

@@ -13,6 +13,7 @@ from symcal.fit.difference import Difference, Tested, at_least_one
 from symcal.model.measurement import Setup
 from symcal.model.model import Model
 from symcal.placing.registration import rigid_fit
+from symcal.spatial import matrix_vectors, mean_rotation
 
 Array = NDArray[np.float64]
 
@@ -162,10 +163,10 @@ class Region:
         if self.turns is None:
             return points, None
         frames = [self.model.flange(self.q, x, self.setup.vector[:24])[0][:, :3, :3] for x in (first, second)]
-        turns = scipy.spatial.transform.Rotation.from_matrix(frames[0] @ frames[1].swapaxes(-1, -2))
+        turns = frames[0] @ frames[1].swapaxes(-1, -2)
         if self.aligned:
-            turns = turns * turns.mean().inv()
-        return points, np.asarray(turns.as_rotvec())
+            turns = turns @ mean_rotation(turns).T
+        return points, matrix_vectors(turns)
 
 
 def disagree(compared: Compared, count: int) -> bool:

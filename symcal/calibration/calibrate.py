@@ -28,10 +28,10 @@ from symcal.fit.noise import known_sigma, unknown_noise
 from symcal.fit.redundancy import check_redundancy
 from symcal.fit.remainder import Trial
 from symcal.fit.residual_rows import rows_of
-from symcal.fit.variances import VarianceModel
+from symcal.fit.variances import VarianceModel, Variances
 from symcal.model.measurement import Setup
 from symcal.model.model import Model, State, build_model
-from symcal.placing.placement import Placed, placed, placed_by, stated
+from symcal.placing.placement import Placed, from_other, placed, placed_by, stated
 from symcal.placing.placement import place as place
 from symcal.robot.robot import Record, Robot
 
@@ -53,6 +53,7 @@ class Calibration:
     trial: of a smooth remainder, where one was asked for. bare: the model without it, where it was kept; what is known
         before and with joint zeros alone refers to that. extension: what was found beyond geometry, where that was
         asked for. mistakes: between robot file and measurements, that explain them far better than they are as given.
+    placing: how everything was placed, and by a baseline of its own.
     """
 
     model: Model
@@ -70,6 +71,7 @@ class Calibration:
     bare: Model | None = None
     extension: Extension | None = None
     mistakes: tuple[Mistake, ...] = ()
+    placing: tuple[Placed, ...] = ()
 
     @property
     def states(self) -> dict[str, State]:
@@ -147,7 +149,7 @@ class _Fitted:
     at: what is stated of the parameters, as errors from the placed setup, shape (n,).
     """
 
-    placed: Placed
+    placed: tuple[Placed, ...]
     before: State
     raw: State | None
     offsets: Fit
@@ -159,19 +161,30 @@ class _Fitted:
 def _calibrate(model: Model, baseline: Model | None, data: Dataset, options: Options) -> Calibration:
     train = _training(model, data)
     found = _fitted(model, baseline, train, options)
-    setup, before, after = found.placed.setup, found.before, found.after
+    setup, before, after = found.placed[0].setup, found.before, found.after
     odd = outliers(model, train, after, found.at)
     robot = calibrated_robot(model, after)
     plausible = not implausible(robot)
     notes = (
-        *found.placed.notes,
+        *found.placed[0].notes,
         *_unplaced(before.unplaced),
         *plausibility(train, before, State(model, setup, after.x) if plausible else None),
         *quality(model, train, after, odd),
     )
-    searches = found.placed.searches
+    searches = found.placed[0].searches
     return Calibration(
-        model, setup, before, found.raw, found.offsets, after, robot, notes, searches, odd.listed, found.choice
+        model,
+        setup,
+        before,
+        found.raw,
+        found.offsets,
+        after,
+        robot,
+        notes,
+        searches,
+        odd.listed,
+        found.choice,
+        placing=found.placed,
     )
 
 
@@ -180,8 +193,9 @@ def calibrate_near(
 ) -> Calibration:
     """Calibrate with data that are much like those of a calibration of the same model, as a fold's are.
 
-    Places are not searched for but start where they were found before; the minimum is that of these data alone. What
-    an identification says of itself is left out: notes, outliers and mistakes.
+    Places are not searched for but start where they were found before, and fits where they ended with the variances
+    that they ended with; the minimum is that of these data alone. What an identification says of itself is left out:
+    notes, outliers and mistakes.
 
     Args:
         near: of the model, without a remainder, and of ``baseline``.
@@ -195,7 +209,7 @@ def calibrate_near(
         robot = calibrated_robot(model, found.after)
         return Calibration(
             model,
-            found.placed.setup,
+            found.placed[0].setup,
             found.before,
             found.raw,
             found.offsets,
@@ -232,21 +246,28 @@ def _fitted(
     if options.loss == "auto":
         choice = _chosen(model, train, free, unplaced, replace(options, loss="linear"))
         options = replace(options, loss=choice.chosen)
-    found = placed(model, train, options, near=None if near is None else near.setup)
-    setup = found.setup
+    places = [placed(model, train, options, near=None if near is None else near.placing[0])]
+    setup = places[0].setup
     rows = rows_of(model.measurement, train, setup, model.residuals, unplaced)
     at = stated(model, setup)
     nominal = np.zeros(len(model.parameters))
-    offsets = fit(rows, (*model.offsets, *free), options, prior_mean=at, nested=(nominal,))
-    after = fit(rows, (*model.kinematic, *free), options, prior_mean=at, nested=(nominal, offsets.x))
+    first = None if near is None else _near(model, near.offsets, setup)
+    second = None if near is None else _near(model, near.after, setup)
+    offsets = fit(rows, (*model.offsets, *free), options, prior_mean=at, nested=(nominal,), near=first)
+    after = fit(rows, (*model.kinematic, *free), options, prior_mean=at, nested=(nominal, offsets.x), near=second)
     before = State(model, setup, nominal, unplaced)
     raw = None if free else before
     if baseline is not None:
         own = placed_by(baseline, train)
         unplaced = tuple(name for name in baseline.placement if name not in own)
-        there = place(baseline, train, options, near=None if near is None else near.before.setup)
-        before = State(baseline, there, np.zeros(len(baseline.parameters)), unplaced)
-    return _Fitted(found, before, raw, offsets, after, at, choice)
+        places.append(placed(baseline, train, options, near=None if near is None else near.placing[1]))
+        before = State(baseline, places[1].setup, np.zeros(len(baseline.parameters)), unplaced)
+    return _Fitted(tuple(places), before, raw, offsets, after, at, choice)
+
+
+def _near(model: Model, other: Fit, setup: Setup) -> tuple[Array, Variances]:
+    """Where a fit from a setup starts that is much like another one."""
+    return from_other(model, other.x, other.setup, setup), other.variances
 
 
 def _chosen(

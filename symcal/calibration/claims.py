@@ -24,6 +24,7 @@ _STILL = 1e-9  # rad, mm or shares: joints that vary by less stand still
 _LEFT = 1e-6  # rad, mm or shares of a range
 _UNLIKE = 1e-3  # probability that poses of the same kind are called others
 _FEW = 0.1  # of the poses: so many may be slips
+_PAIRS = 100_000  # of poses: so many distances are sooner taken than a tree of SciPy loaded
 _ENOUGH = 4  # poses that a slip can be told from
 _APART = 4.0  # medians that a slip is off
 _BEYOND = 0.1  # of the training range of a joint
@@ -187,9 +188,7 @@ def extrapolation(data: Dataset) -> tuple[str, ...]:
     _, s, vt = np.linalg.svd(train - train.mean(axis=0), full_matrices=False)
     moved = s > 1e-9 * s[0]
     axes = vt[moved].T / s[moved] * np.sqrt(len(train) - 1)
-    tree = scipy.spatial.cKDTree(train @ axes)
-    own: Array = np.asarray(tree.query(train @ axes, k=2)[0], dtype=np.float64)[:, 1]
-    others: Array = np.asarray(tree.query(test @ axes)[0], dtype=np.float64)
+    own, others = nearest(train @ axes, test @ axes)
     if larger(others, own) >= _UNLIKE:
         return ()
     return (
@@ -197,6 +196,16 @@ def extrapolation(data: Dataset) -> tuple[str, ...]:
         f"{np.median(others):.2g} standard deviations away in the middle, against {np.median(own):.2g} among the "
         "training poses): there the calibration is an extrapolation",
     )
+
+
+def nearest(points: Array, others: Array) -> tuple[Array, Array]:
+    """Distances of points to the nearest other one of them, shape (N,), and of others to the nearest point, (M,)."""
+    if len(points) * (len(points) + len(others)) > _PAIRS:
+        tree = scipy.spatial.cKDTree(points)
+        return np.asarray(tree.query(points, k=2)[0])[:, 1], np.asarray(tree.query(others)[0])
+    own, beside = (np.linalg.norm(each[:, None] - points, axis=2) for each in (points, others))
+    np.fill_diagonal(own, np.inf)
+    return np.asarray(own.min(axis=1)), np.asarray(beside.min(axis=1))
 
 
 @dataclass(frozen=True, slots=True)

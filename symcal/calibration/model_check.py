@@ -34,6 +34,7 @@ Array = NDArray[np.float64]
 
 LEVEL = 0.01
 """Corrected probability below which a pattern counts: of good data, one set in a hundred has one."""
+_ROUNDING = 1e-6  # relative, of a weight: far more than kernels of other instructions make of it
 _CAUSES = 6  # patterns that are taken into the model one after the other
 _STEADY = 0.02  # of its mean: a reach that varies by less is none
 
@@ -165,6 +166,16 @@ def _levers(calibration: Calibration, q: Array) -> Array:
     return np.asarray(np.linalg.norm(jacobian[:, :3], axis=1) / np.abs(rates))
 
 
+def foremost(found: Sequence[Found]) -> Found:
+    """Of largest weight; of those that weigh the same but for rounding, the last in the order of the patterns.
+
+    Gravity at a joint that turns about a level axis is a wave of it, once to a turn: one and the same column. Gravity,
+    which comes after the waves, is told then, since it says why.
+    """
+    largest = max(each.weight for each in found)
+    return [each for each in found if each.weight >= largest - _ROUNDING * abs(largest)][-1]
+
+
 @dataclass(frozen=True, slots=True)
 class _Search:
     """The tests under way."""
@@ -189,7 +200,7 @@ class _Search:
             significant = [now[name] for name in left if now[name].beside < LEVEL]
             if not significant:
                 break
-            best = max(significant, key=lambda each: each.weight)
+            best = foremost(significant)
             pattern = left.pop(best.name)
             tested = score.test(pattern.columns)
             if best.kind == "harmonic" and tested is not None:

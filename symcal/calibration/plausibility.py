@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from symcal.data.dataset import Dataset
@@ -12,6 +11,7 @@ from symcal.fit.residual_rows import rows_of
 from symcal.model.measurement import Part
 from symcal.model.model import Model, State
 from symcal.placing.registration import LEVER
+from symcal.spatial import matrix_vectors, quaternion_matrices
 from symcal.words import plural
 
 Array = NDArray[np.float64]
@@ -104,8 +104,9 @@ def _turned(data: Dataset, part: Part, r: Array, who: str) -> list[str]:
         return []
     seen = part.seen(data.z).all(axis=1)
     turns = r[seen][:, part.components][:, 3:]
-    first, *rest = scipy.spatial.transform.Rotation.from_quat(data.z[seen][:, part.readings][:, 3:])
-    spread = float(np.sqrt(np.mean([(first.inv() * each).magnitude() ** 2 for each in rest]))) if rest else 0.0
+    first, *rest = quaternion_matrices(data.z[seen][:, part.readings][:, 3:])
+    from_first = np.linalg.norm(matrix_vectors(first.T @ np.array(rest)), axis=-1) if rest else np.zeros(1)
+    spread = float(np.sqrt(np.mean(from_first**2)))
     error = _rms(turns)
     if error < max(_TURNED, _OFF * spread) or _few(turns) is not None:
         return []

@@ -143,6 +143,7 @@ def fit(
     *,
     prior_mean: Array | None = None,
     nested: Sequence[Array] = (),
+    near: tuple[Array, Variances] | None = None,
 ) -> Fit:
     """Estimate the free parameters; the others stay at ``reference`` (zero if None), to which the free ones are drawn.
 
@@ -150,6 +151,8 @@ def fit(
         prior_mean: the errors at which stated priors are centred, shape (n,); zero if None.
         nested: estimates of models that are contained in this one, shape (n,) each: in the minimised objective none of
             them may be better than the result; where one is, the fit starts again from there.
+        near: errors of all parameters, shape (n,), and variances of a fit to data that are much like these, from which
+            the rounds start with the linear loss; noise by medians may settle elsewhere: robust losses start as ever.
     Raises:
         RefusedError: fewer equations than unknowns that the data could see, or a model that gives no finite number.
         InputError: the loss is `auto`.
@@ -159,7 +162,7 @@ def fit(
     if not model.finite(reference):
         raise RefusedError("the model gives no finite number at the first guess: check joint readings and units")
     check_redundancy(rows, free, bool(model.estimated))
-    return _Search(model, options).best(reference, nested)
+    return _Search(model, options).best(reference, nested, near)
 
 
 def variance_model(
@@ -207,10 +210,10 @@ class _Search:
     model: VarianceModel
     options: Options
 
-    def best(self, start: Array, nested: Sequence[Array]) -> Fit:
+    def best(self, start: Array, nested: Sequence[Array], near: tuple[Array, Variances] | None = None) -> Fit:
         """The fit from ``start``, or from a nested estimate that the objective prefers to where that one ended."""
         path = [start]
-        x, variances, settled = self._first(start, path)
+        x, variances, settled = self._first(start, path) if near is None else self._from(near, start, path)
         for _ in nested:
             better = self._better(nested, x, variances)
             if better is None:
@@ -241,6 +244,20 @@ class _Search:
             x, variances, _ = strict._rounds(x, variances, path)
             variances = strict.model.from_what_counts(x, variances)
         return self._rounds(x, variances, path)
+
+    def _from(self, near: tuple[Array, Variances], start: Array, path: list[Array]) -> tuple[Array, Variances, bool]:
+        """The first rounds from what much the same data told, where that is of all that is unknown here."""
+        model, system, (x, last) = self.model, self.model.system, near
+        told = all(np.isfinite(last.sigmas.get(name, np.nan)) for name in model.estimated) and all(
+            name in last.factors for name in system.groups
+        )
+        if not told or model.settled or model.loss != "linear":
+            return self._first(start, path)
+        sigmas = dict(self.options.sigma) | {name: last.sigmas[name] for name in model.estimated}
+        factors = {name: last.factors[name] if name in model.factors else 1.0 for name in system.groups}
+        begin = system.at(system.scaled(x))  # what is held stays
+        path.append(begin)
+        return self._rounds(begin, Variances(sigmas, factors, system.rows.seen.astype(float)), path)
 
     def _better(self, nested: Sequence[Array], x: Array, variances: Variances) -> Array | None:
         """The nested estimate of least objective, if that is less than the objective at x."""

@@ -10,7 +10,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from symcal.data.dataset import Dataset
@@ -26,7 +25,7 @@ from symcal.placing.multistart import STARTS, search
 from symcal.placing.registration import LEVER, register
 from symcal.placing.scene_placement import camera_guesses, place_scene
 from symcal.placing.views import disagreements
-from symcal.spatial import inverse
+from symcal.spatial import inverse, matrix_vectors
 
 Array = NDArray[np.float64]
 
@@ -41,12 +40,13 @@ class Placed:
     """Where everything is by nominal kinematics.
 
     searches: instruments that were searched for, and how many of how many starts came to where they are.
-    odd: what is said of views that disagree.
+    odd: what is said of views that disagree. variances: with which they were placed, if by least squares.
     """
 
     setup: Setup
     searches: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     odd: tuple[str, ...] = ()
+    variances: Variances | None = None
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -58,12 +58,12 @@ class Placed:
         )
 
 
-def place(model: Model, data: Dataset, options: Options, starts: int = STARTS, near: Setup | None = None) -> Setup:
+def place(model: Model, data: Dataset, options: Options, starts: int = STARTS, near: Placed | None = None) -> Setup:
     """See `placed`."""
     return placed(model, data, options, starts, near).setup
 
 
-def placed(model: Model, data: Dataset, options: Options, starts: int = STARTS, near: Setup | None = None) -> Placed:
+def placed(model: Model, data: Dataset, options: Options, starts: int = STARTS, near: Placed | None = None) -> Placed:
     """The model's frames and points as nominal kinematics and the data have them; always by Levenberg-Marquardt.
 
     A frame of which something is held starts from nominal, so that what is held stays as it was.
@@ -85,10 +85,10 @@ def placed(model: Model, data: Dataset, options: Options, starts: int = STARTS, 
     if near is None:
         start = _start(nominal, data, free, options, starts)
     else:
-        start = Placed(_like(nominal, near, tuple(_open(model, free))))
+        start = Placed(_like(nominal, near.setup, tuple(_open(model, free))), variances=near.variances)
     odd, agreeing = disagreements(model, data, start.setup)
-    found = _fit(replace(nominal, setup=start.setup), agreeing, free, options)
-    return Placed(_found(model, found, free), start.searches, odd)
+    found = _fit(replace(nominal, setup=start.setup), agreeing, free, options, variances=start.variances)
+    return Placed(_found(model, found, free), start.searches, odd, found.variances)
 
 
 def settled(state: State, data: Dataset, near: Setup | None = None) -> State:
@@ -156,12 +156,20 @@ def stated(model: Model, setup: Setup) -> Array:
     frames += [(name, place, model.setup.places[name]) for name, place in setup.places.items()]
     for name, frame, nominal in frames:
         step = inverse(frame) @ nominal
-        turn = scipy.spatial.transform.Rotation.from_matrix(step[:3, :3]).as_rotvec()
-        errors |= dict(zip(frame_names(name), (*step[:3, 3], *turn), strict=True))
+        errors |= dict(zip(frame_names(name), (*step[:3, 3], *matrix_vectors(step[:3, :3])), strict=True))
     for name, shift in zip(model.measurement.points_called, model.setup.points - setup.points, strict=True):
         errors |= dict(zip(coordinate_names(name), shift, strict=True))
     errors |= {name: model.setup.own[name] - value for name, value in setup.own.items()}
     return np.array([float(errors.get(name, 0.0)) for name in model.parameters.names])
+
+
+def from_other(model: Model, x: Array, other: Setup, setup: Setup) -> Array:
+    """Errors from a setup that are the same robot, places and numbers as errors ``x`` from another one, shape (n,)."""
+    moved = model.moved(other, x)
+    errors = model.parameters.mapping(x)
+    own = {name: value + errors.get(name, 0.0) for name, value in other.own.items()}
+    there = stated(replace(model, setup=replace(moved, own=own)), setup)
+    return np.where(np.isin(model.parameters.names, model.placement), there, x)
 
 
 def _found(model: Model, found: Fit, free: tuple[str, ...]) -> Setup:
@@ -262,10 +270,19 @@ def _read_by(model: Model, data: Dataset, wanted: Iterable[Observation]) -> Data
     return replace(data, z=z).take(np.flatnonzero(np.isfinite(z).any(axis=1)))
 
 
-def _fit(state: State, data: Dataset, free: Iterable[str], options: Options, *, alone: bool = False) -> Fit:
-    """Args: alone: by the readings alone, whatever else is known."""
+def _fit(
+    state: State,
+    data: Dataset,
+    free: Iterable[str],
+    options: Options,
+    *,
+    alone: bool = False,
+    variances: Variances | None = None,
+) -> Fit:
+    """Args: alone: by the readings alone, whatever else is known. variances: that are about right, if any are known."""
     names = _framed(state.model, free)
-    return fit(_rows(state, data, names, alone=alone), names, options, state.x, prior_mean=_stated(state))
+    near = None if variances is None else (state.x, variances)
+    return fit(_rows(state, data, names, alone=alone), names, options, state.x, prior_mean=_stated(state), near=near)
 
 
 def _framed(model: Model, free: Iterable[str]) -> tuple[str, ...]:

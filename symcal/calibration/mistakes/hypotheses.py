@@ -12,7 +12,6 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from symcal import spatial
 from symcal.robot.robot import Robot
@@ -196,28 +195,33 @@ def axis_hypotheses() -> tuple[Hypothesis, ...]:
 def _angles() -> Iterator[Hypothesis]:
     """Roll, pitch and yaw that are meant in another way: about other axes in turn, as a vector, or in another unit."""
 
-    def again(read: Callable[[Array], Rotation]) -> Change:
-        def change(z: Array) -> Array:
-            return _posed(read(Rotation.from_quat(z[:, 3:]).as_euler("xyz", degrees=False)).as_matrix(), z[:, :3])
+    def again(read: Change) -> Change:
+        return lambda z: _posed(read(_rpy(z)), z[:, :3])
 
-        return change
+    def ordered(order: str) -> Change:
+        turns = [np.eye(3)["xyz".index(axis)] for axis in order]
 
-    def ordered(order: str) -> Callable[[Array], Rotation]:
-        at = ["xyz".index(axis) for axis in order]
-        return lambda angles: Rotation.from_euler(order, angles[:, at])
+        def read(angles: Array) -> Array:
+            first, second, third = (spatial.rpy_matrix(angles * axis) for axis in turns)
+            return np.asarray(third @ second @ first)
+
+        return read
 
     for order in ("xzy", "yxz", "yzx", "zxy", "zyx"):
         text = f"roll, pitch and yaw are turns about {', '.join(order)} in turn, not about x, y, z"
         yield Hypothesis("angles", text, measured=again(ordered(order)))
-    yield Hypothesis(
-        "angles", "roll and yaw are swapped", measured=again(lambda a: Rotation.from_euler("xyz", a[:, ::-1]))
-    )
+    yield Hypothesis("angles", "roll and yaw are swapped", measured=again(lambda a: spatial.rpy_matrix(a[:, ::-1])))
     yield Hypothesis("angles", "roll, pitch, yaw are a rotation vector", measured=_of_vectors)
     yield Hypothesis(
         "angles",
         "roll, pitch, yaw are in radians, labelled as degrees",
-        measured=again(lambda a: Rotation.from_euler("xyz", a * 180 / np.pi)),
+        measured=again(lambda a: spatial.rpy_matrix(a * 180 / np.pi)),
     )
+
+
+def _rpy(z: Array) -> Array:
+    """Roll, pitch and yaw of poses, shape (N, 3), rad."""
+    return spatial.matrix_rpy(spatial.quaternion_matrices(z[:, 3:]))
 
 
 def _of_vectors(z: Array) -> Array:
@@ -226,16 +230,16 @@ def _of_vectors(z: Array) -> Array:
     Two sets of angles are one rotation, roll + 180, 180 - pitch, yaw + 180 deg being the other: where both are as short
     as a rotation vector may be, nothing is said of the pose.
     """
-    angles = Rotation.from_quat(z[:, 3:]).as_euler("xyz")
+    angles = _rpy(z)
     other = (angles * [1.0, -1.0, 1.0] + 2 * np.pi) % (2 * np.pi) - np.pi
     short, too = (np.linalg.norm(each, axis=1) <= np.pi for each in (angles, other))
-    out = _posed(Rotation.from_rotvec(np.where(short[:, None], angles, other)).as_matrix(), z[:, :3])
+    out = _posed(spatial.vector_matrix(np.where(short[:, None], angles, other)), z[:, :3])
     out[short & too] = np.nan
     return out
 
 
 def _posed(rotation: Array, position: Array) -> Array:
-    return np.hstack([position, Rotation.from_matrix(rotation).as_quat()])
+    return np.hstack([position, spatial.matrix_quaternions(rotation)])
 
 
 def _times(factor: float, columns: int | None = None) -> Change:

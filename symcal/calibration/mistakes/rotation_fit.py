@@ -138,6 +138,18 @@ def least(quadratic: Array) -> tuple[Array, Array]:
     return m[every, first].reshape(*over, 3, 3), np.maximum(cost[every, first], 0.0).reshape(over)
 
 
+def least_left(quadratic: Array) -> Array:
+    """What no rotation leaves less than of forms (K, 10, 10), shape (K,), mm^2.
+
+    Any matrix may stand for M, with a little of its squared norm added to make the minimum one, and taken off again:
+    the squared norm of a rotation is three.
+    """
+    a, b = quadratic[:, :_NINE, :_NINE], quadratic[:, :_NINE, _NINE]
+    little = _SINGULAR * np.trace(a, axis1=1, axis2=2) + 1e-300
+    m = np.linalg.solve(a + little[:, None, None] * np.eye(_NINE), b[:, :, None])[:, :, 0]
+    return np.asarray(np.maximum(quadratic[:, _NINE, _NINE] - np.sum(b * m, axis=1) - 3 * little, 0.0))
+
+
 def left(quadratic: Array, m: Array) -> Array:
     """What a rotation leaves of a form, shape (...), mm^2."""
     v = np.concatenate([m.reshape(*m.shape[:-2], 9), -np.ones((*m.shape[:-2], 1))], axis=-1)

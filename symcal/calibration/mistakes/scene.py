@@ -93,14 +93,15 @@ def some(rows: Mask, count: int) -> NDArray[np.intp]:
     return there if len(there) <= count else there[np.linspace(0, len(there) - 1, count).astype(int)]
 
 
-def joints_tried(scene: Scene, hypotheses: Sequence[Hypothesis], poses: int = POSES) -> Looked:
-    """The misfit of hypotheses about joint readings, over all sights."""
-    at = some(scene.rows, poses)
+def joints_tried(scene: Scene, hypotheses: Sequence[Hypothesis], poses: int = POSES, above: float = np.inf) -> Looked:
+    """The misfit of hypotheses about joint readings, over all sights. Args: above: a score that may as well be
+    infinite."""
+    at, above = some(scene.rows, poses), above * float(np.sqrt(len(scene.sights)))
     scores, rms = [], []
     for first in range(0, len(hypotheses), _CHUNK):
         own = [(q[at], rows[at]) for q, rows in map(scene.moved, hypotheses[first : first + _CHUNK])]
         q, rows = np.array([q for q, _ in own]), np.array([rows for _, rows in own])
-        found = [s.misfit(s.chain(q), z[None, at], rows) for s, z in zip(scene.sights, scene.z, strict=True)]
+        found = [s.misfit(s.chain(q), z[None, at], rows, above) for s, z in zip(scene.sights, scene.z, strict=True)]
         scores.append(_together(found))
         rms.append(_rms_together(scene, found))
     return Looked(tuple(hypotheses), None, np.concatenate(scores), np.concatenate(rms))
@@ -116,9 +117,18 @@ def _rms_together(scene: Scene, found: Sequence[Misfit]) -> Array:
 
 
 def readings_tried(
-    scene: Scene, k: int, hypotheses: Sequence[Hypothesis], q: Array | None = None, poses: int = POSES
+    scene: Scene,
+    k: int,
+    hypotheses: Sequence[Hypothesis],
+    q: Array | None = None,
+    poses: int = POSES,
+    above: float = np.inf,
 ) -> Looked:
-    """The misfit of hypotheses about what one sight has read. Args: q: joint readings, those of the file when None."""
+    """The misfit of hypotheses about what one sight has read.
+
+    Args:
+        q: joint readings, those of the file when None. above: a score that may as well be infinite.
+    """
     at, sight = some(scene.rows, poses), scene.sights[k]
     z = scene.z[k][at]
     seen = np.isfinite(z).all(axis=1) if sight.reads == "frame" else np.ones(len(z), dtype=bool)
@@ -126,7 +136,7 @@ def readings_tried(
     for i, h in enumerate(hypotheses):
         changed[i, seen] = z[seen] if h.measured is None else h.measured(z[seen])
     found = sight.misfit(
-        sight.chain((scene.q if q is None else q)[None, at]), changed, np.ones((1, len(at)), dtype=bool)
+        sight.chain((scene.q if q is None else q)[None, at]), changed, np.ones((1, len(at)), dtype=bool), above
     )
     return Looked(tuple(hypotheses), k, found.score, found.rms)
 

@@ -55,10 +55,11 @@ def find_mistakes(model: Model, data: Dataset) -> tuple[Mistake, ...]:
     apart = tuple(found for k in every for found in otherwise_arranged(scene, k))
     if not float(given.score[0]) > _TRIGGER:
         return apart
-    joints = joints_tried(scene, joint_hypotheses(model.robot))
-    own = [readings_tried(scene, k, (AS_GIVEN,)) for k in every]
+    joints = joints_tried(scene, joint_hypotheses(model.robot), above=_of_no_use(given))
+    own = [readings_tried(scene, k, (AS_GIVEN,)) for k in every] if len(scene.sights) > 1 else [given]
     looked = [
-        readings_tried(scene, k, sight.hypotheses) if sight.hypotheses else None for k, sight in enumerate(scene.sights)
+        readings_tried(scene, k, sight.hypotheses, above=_of_no_use(own[k])) if sight.hypotheses else None
+        for k, sight in enumerate(scene.sights)
     ]
     if len(scene.sights) == 1:
         one = [joints, *(each for each in looked if each is not None)]
@@ -71,6 +72,11 @@ def find_mistakes(model: Model, data: Dataset) -> tuple[Mistake, ...]:
         for k, tried in enumerate(looked):
             found += (() if tried is None else _named(scene, [tried], own[k], BETTER)) or _moved(scene, k, own[k])
     return (*(found or _paired(scene, joints, None, given)), *apart)
+
+
+def _of_no_use(given: Looked) -> float:
+    """A score of no use, since it is not by so much better than that of the readings as they are."""
+    return float(given.score[0]) / BETTER
 
 
 def _named(scene: Scene, looked: Sequence[Looked], given: Looked, better: float) -> tuple[Mistake, ...]:
@@ -109,12 +115,12 @@ def _paired(scene: Scene, joints: Looked, read: Looked | None, given: Looked) ->
         return ()
     singles = [h for h in joints.hypotheses if not h.rows]
     both = [_both(a, b) for a, b in combinations(singles, 2)]
-    tried = joints_tried(scene, both, _PAIR_POSES) if both else None
+    tried = joints_tried(scene, both, _PAIR_POSES, _of_no_use(given)) if both else None
     looked = [] if tried is None else [tried]
     if read is not None:
         for h in joints.hypotheses:
             q, rows = scene.moved(h)
-            of = readings_tried(replace(scene, rows=rows), 0, read.hypotheses, q, _PAIR_POSES)
+            of = readings_tried(replace(scene, rows=rows), 0, read.hypotheses, q, _PAIR_POSES, _of_no_use(given))
             named = tuple(
                 replace(m, text=f"{h.text}, and {m.text}", kind=f"{h.kind} and {m.kind}") for m in read.hypotheses
             )

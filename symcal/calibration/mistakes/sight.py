@@ -14,7 +14,7 @@ from symcal.calibration.mistakes.hypotheses import (
     frame_hypotheses,
     point_hypotheses,
 )
-from symcal.calibration.mistakes.rotation_fit import COUNT, SIZE, Channel, form, least, left, sums
+from symcal.calibration.mistakes.rotation_fit import COUNT, SIZE, Channel, form, least, least_left, left, sums
 from symcal.data.dataset import Dataset
 from symcal.model.measurement import Part
 from symcal.model.model import Model
@@ -116,13 +116,23 @@ class Sight:
             *(Channel(axes[..., :, k], seen, False) for k in range(3)),
         ]
 
-    def misfit(self, chain: Array, z: Array, rows: Mask) -> Misfit:
-        """What no frames explain.
+    def misfit(self, chain: Array, z: Array, rows: Mask, above: float = np.inf) -> Misfit:
+        """What no frames explain; not looked for exactly where the score is above a limit, and infinite there.
 
         Args:
             chain: shape (H or 1, N, 4, 4). z: own readings, shape (H or 1, N, w). rows: that count, shape (H or 1, N).
         """
-        return self.fitted([(of.sum(axis=-2), located) for of, located in self.sums(chain, z, rows)])
+        found = [(of.sum(axis=-2), located) for of, located in self.sums(chain, z, rows)]
+        if not np.isfinite(above):
+            return self.fitted(found)
+        count = np.broadcast_shapes(*(of.shape[:-1] for of, _ in found))
+        found = [(np.broadcast_to(of, (*count, SIZE)), located) for of, located in found]
+        near = np.flatnonzero(self._least_score(found) < above)
+        out = Misfit(np.full(count, np.inf), np.full(count, np.inf), np.broadcast_to(np.eye(3), (*count, 3, 3)).copy())
+        if near.size:
+            exact = self.fitted([(of[near], located) for of, located in found])
+            out.score[near], out.rms[near], out.rotation[near] = exact.score, exact.rms, exact.rotation
+        return out
 
     def sums(self, chain: Array, z: Array, rows: Mask) -> list[tuple[Array, bool]]:
         """What the fit of frames needs of every pose, shape (..., N, 65), by channel, with whether it is located."""
@@ -133,18 +143,34 @@ class Sight:
         """The misfit of channels' sums over poses, shape (H, 65) each, with whether they are located."""
         m, _ = least(form(list(found)))
         square, rms = np.zeros(m.shape[:-2]), np.zeros(m.shape[:-2])
-        kinds = [located for located in (True, False) if any(c[1] == located for c in found)]
-        for located in kinds:
+        sorts = self._sorts(found)
+        for own, share, floor in sorts:
+            cost = left(form(own), m) * share
+            count = np.maximum(sum(of[..., COUNT] for of, _ in own), 1.0)
+            square = square + cost / floor
+            rms = np.hypot(rms, np.sqrt(cost / count) * (180 / np.pi / LEVER if self.reads == "axes" else 1.0))
+        return Misfit(np.sqrt(square / len(sorts)), rms, m)
+
+    def _least_score(self, found: Sequence[tuple[Array, bool]]) -> Array:
+        """A number that the score is not below, shape (H,): points and axes each with the matrix that suits them."""
+        sorts = self._sorts(found)
+        return np.asarray(
+            np.sqrt(sum(least_left(form(own)) * share / floor for own, share, floor in sorts) / len(sorts))
+        )
+
+    def _sorts(self, found: Sequence[tuple[Array, bool]]) -> list[tuple[list[tuple[Array, bool]], Array, Array]]:
+        """Points and axes apart: sums, by what unknowns take more is left, shape (H,), and the spread, (H,), mm^2."""
+        out = []
+        for located in (True, False):
             own = [(of, at) for of, at in found if at == located]
+            if not own:
+                continue
             equations, taken = self._balance(own, located)
             share = np.maximum(equations, 1e-9) / np.maximum(equations - taken, 1.0)
-            cost = left(form(own), m) * share
-            spread = sum(self._spread(of) for of, _ in own)
             count = np.maximum(sum(of[..., COUNT] for of, _ in own), 1.0)
             floor = count * (1e-6 if located else LEVER * _TURN) ** 2
-            square = square + cost / np.maximum(spread, floor)
-            rms = np.hypot(rms, np.sqrt(cost / count) * (180 / np.pi / LEVER if self.reads == "axes" else 1.0))
-        return Misfit(np.sqrt(square / len(kinds)), rms, m)
+            out.append((own, share, np.maximum(sum(self._spread(of) for of, _ in own), floor)))
+        return out
 
     def _balance(self, own: Sequence[tuple[Array, bool]], located: bool) -> tuple[Array, float]:
         """Equations of channels of one sort, shape (H,), and the unknowns of frames that they take."""

@@ -6,10 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.markup import escape
-from rich.table import Table
 
-from symcal.cli import terminal
 from symcal.cli.app import Quiet
 
 
@@ -27,8 +24,12 @@ def bench(
     quiet: Quiet = False,
 ) -> None:
     """Measure how fast this machine is: symcal beside SciPy, NumPy, CasADi, and JAX and pinocchio where installed."""
+    from rich.markup import escape
+    from rich.table import Table
+
     from symcal.bench.tables import machine_lines, tables
     from symcal.bench.write import bench as run_bench
+    from symcal.cli import terminal
 
     with terminal.spinner(quiet) as progress:
         folder, content, more = run_bench(out, quick=quick, only=only, earlier=against, progress=progress)

@@ -66,7 +66,7 @@ class SimulatedData(Strict):
 
     source: Literal["simulated"]
     truth: Truth
-    noise: SimulatedNoise = SimulatedNoise()
+    noise: SimulatedNoise = SimulatedNoise.model_construct()
     test_poses: Annotated[int, Field(ge=0, le=MOST)] = 1000
 
 
@@ -96,7 +96,7 @@ class RenderedData(Strict):
     board: str | None = None
     seen: Annotated[float, Field(gt=0, le=1)] = 0.4
     views: Annotated[int, Field(ge=3, le=MOST)] = 27
-    image: ImageLook = ImageLook()
+    image: ImageLook = ImageLook.model_construct()
     test_poses: Annotated[int, Field(ge=3, le=MOST)] = 200
     examples: Annotated[int, Field(ge=0, le=MOST)] = 4
 
@@ -127,7 +127,7 @@ class IdentificationConfig(Strict):
 
     solver: Literal["levenberg_marquardt", "gauss_newton", "ipopt"] = "levenberg_marquardt"
     loss: Literal["linear", "huber", "cauchy", "tukey", "auto"] = "linear"
-    tolerances: TolerancesConfig = TolerancesConfig()
+    tolerances: TolerancesConfig = TolerancesConfig.model_construct()
     fix: list[str] = []
     scales: dict[str, Positive] = {}
     scale_factor: Literal["estimated", "stated"] = "estimated"
@@ -218,12 +218,12 @@ class ExperimentFile(Strict):
     tool: Literal["known", "unknown"] = "known"
     targets: dict[Name, TargetConfig] = {}
     measurements: dict[Name, Any] = {}
-    plan: PlanConfig = PlanConfig()
+    plan: PlanConfig = PlanConfig.model_construct()
     data: Annotated[FileData | ImagesData | SimulatedData | RenderedData, Field(discriminator="source")] | None = None
-    identification: IdentificationConfig = IdentificationConfig()
-    validation: ValidationConfig = ValidationConfig()
+    identification: IdentificationConfig = IdentificationConfig.model_construct()
+    validation: ValidationConfig = ValidationConfig.model_construct()
     study: StudyConfig | None = None
-    outputs: OutputsConfig = OutputsConfig()
+    outputs: OutputsConfig = OutputsConfig.model_construct()
 
     @model_validator(mode="after")
     def _one_way(self) -> ExperimentFile:

@@ -252,8 +252,8 @@ def experiment_type(measurements: object = None) -> type[ExperimentFile]:
 def _kinds(measurements: object) -> tuple[type[Instrument], ...]:
     """Two at least, so that they are always told apart in the same way."""
     entries = measurements.values() if isinstance(measurements, dict) else ()
-    named = {each.get("instrument") if isinstance(each, dict) else None for each in entries}
+    named = [each.get("instrument") if isinstance(each, dict) else None for each in entries]
     if not named or not all(isinstance(name, str) and name in KINDS for name in named):
         return tuple(KINDS.values())
-    others = [name for name in KINDS if name not in named][: max(0, 2 - len(named))]
+    others = [name for name in KINDS if name not in named][: max(0, 2 - len(set(named)))]
     return tuple(kind for name, kind in KINDS.items() if name in named or name in others)

@@ -35,8 +35,8 @@ def save_figure(illustration: Illustration, folder: Path | str, truetype: bool =
     with print_settings(truetype):
         figure = illustration.figure
         figure.dpi = PIXELS_PER_INCH
-        canvas = figure.canvas if isinstance(figure.canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)  # type: ignore[no-untyped-call]
-        canvas.print_png(pixels, pil_kwargs={"compress_level": _LEVEL})
+        canvas = figure.canvas if isinstance(figure.canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)
+        canvas.print_png(pixels, pil_kwargs={"compress_level": _LEVEL})  # type: ignore[no-untyped-call]
         hold_labels(figure)
         FigureCanvasPdf(figure).print_pdf(vectors, metadata={"CreationDate": None})  # type: ignore[no-untyped-call]
     write_all_whole({target: vectors.getvalue(), target.parent / f"{target.stem}.png": pixels.getvalue()})

@@ -146,7 +146,7 @@ def sheet(width: float, height: float) -> Figure:
     It is laid out on the canvas that its pixels are drawn on, so that no text is measured twice for the two.
     """
     figure = Figure(figsize=(width / 25.4, height / 25.4), dpi=PIXELS_PER_INCH, layout="constrained")
-    FigureCanvasAgg(figure)  # type: ignore[no-untyped-call]
+    FigureCanvasAgg(figure)
     return figure
 
 

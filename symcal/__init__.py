@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from symcal.export import export_c as export_c
     from symcal.export import save_json as save_json
     from symcal.export import save_urdf as save_urdf
-    from symcal.fit.estimation import Options as Options
+    from symcal.fit.options import Options as Options
     from symcal.instruments import Instrument as Instrument
     from symcal.instruments import Quantity as Quantity
     from symcal.instruments import register as register
@@ -96,7 +96,7 @@ _HOME = {
     "InputError": "errors",
     "RefusedError": "errors",
     "SymcalError": "errors",
-    "Options": "fit.estimation",
+    "Options": "fit.options",
     "compare": "calibration.compare",
     "cross_validate": "calibration.compare",
     "evaluate": "calibration.evaluate",

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import yaml
+from pydantic import ValidationError
 
 from symcal.config import conversion as config
+from symcal.config.experiment import experiment_type
 from symcal.errors import InputError
 from symcal.model.model import build_model
 from symcal.robot.files import load_robot
@@ -192,3 +194,26 @@ def test_the_resolved_experiment_finds_its_files_from_elsewhere(write, tmp_path,
     copy.write_text(yaml.safe_dump(data))
     again = load(copy)
     assert again.file.model_dump(exclude={"robot"}) == file.model_dump(exclude={"robot"})
+
+
+@pytest.mark.parametrize(
+    "measurements",
+    [
+        {"a": {"instrument": "position", "nois": {}}},
+        {"a": {"instrument": "pose", "noise": {"position": -1.0}}, "b": {"instrument": "distance", "at": 3}},
+        {"a": {"instrument": "camra"}},
+        {"a": {}},
+        {"a": {"instrument": ["position"]}},
+        {"a": 1},
+        [],
+        None,
+    ],
+)
+def test_the_kinds_that_a_file_names_find_what_all_kinds_find(measurements: object) -> None:
+    data = {"name": "x", "units": {"length": "mm", "angle": "deg"}, "robot": "r", "measurements": measurements}
+    said = []
+    for kind in (experiment_type(measurements), experiment_type()):
+        with pytest.raises(ValidationError) as caught:
+            kind.model_validate(data)
+        said.append([(e["loc"], e["type"], e["msg"]) for e in caught.value.errors()])
+    assert said[0] == said[1]

@@ -11,6 +11,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 import pytest
+import scipy.stats
 from identifications import Case, simulated, wired
 from matplotlib.colors import to_rgb
 
@@ -18,6 +19,7 @@ from symcal import plots
 from symcal.calibration.evaluate import Errors, evaluate, statistics
 from symcal.model.model import State
 from symcal.plots import panels, style
+from symcal.plots.cells import in_cells
 from symcal.plots.save import save_figure
 from symcal.words import number, symbol
 
@@ -310,3 +312,31 @@ def test_the_tolerance_is_drawn_where_it_is(position: Case) -> None:
         assert frame.x0 <= box.x0
         assert box.x1 <= frame.x1
     assert "tolerance" not in plots.error_distribution(errors["test"]).caption
+
+
+@pytest.mark.parametrize("statistic", ["max", "mean"])
+def test_cells_hold_what_scipy_finds_in_them(statistic: Any) -> None:
+    rng = np.random.default_rng(0)
+    flat, values = np.round(rng.normal(size=(400, 2)), 1), rng.normal(size=400)  # many points on edges
+    for where in (None, rng.random(400) < 0.3):
+        found, *edges = in_cells(flat, values, 0.5, statistic, where)
+        own = slice(None) if where is None else where
+        wanted = scipy.stats.binned_statistic_2d(*flat[own].T, values[own], statistic=statistic, bins=edges)
+        np.testing.assert_array_equal(found, wanted.statistic)
+
+
+def test_names_of_axes_stay_clear_of_the_numbers_in_the_pdf_too(position: Case, tmp_path: Path) -> None:
+    """After a file was written the names hold their places, which are those that matplotlib finds by itself."""
+    for illustration in plots.identification_figures(*position):
+        figure = illustration.figure
+        with style.print_settings():
+            figure.draw_without_rendering()
+        found = [_name(axis) for axes in figure.axes for axis in (axes.xaxis, axes.yaxis) if axis.label.get_text()]
+        save_figure(illustration, tmp_path)
+        figure.dpi = style.PIXELS_PER_INCH
+        held = [_name(axis) for axes in figure.axes for axis in (axes.xaxis, axes.yaxis) if axis.label.get_text()]
+        np.testing.assert_allclose(held, found, atol=1.0)  # pixels
+
+
+def _name(axis: Any) -> Any:
+    return axis.label.get_transform().transform(axis.label.get_position())

@@ -59,7 +59,7 @@ class CameraFile(Strict):
     height: Annotated[int, Field(gt=0, le=100_000)]
     intrinsics: Intrinsics | None = None
     lens: Lens | None = None
-    distortion: Distortion = Distortion()
+    distortion: Distortion = Distortion.model_construct()
     rms: Annotated[float, Field(ge=0)] | None = None
     covariance: Annotated[list[_Row], Field(min_length=9, max_length=10)] | None = None
     provenance: dict[str, Any] = Field(default_factory=dict)

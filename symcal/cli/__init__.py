@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 
@@ -36,8 +37,14 @@ app.command("import")(import_)
 app.command()(schema)
 
 
+_OBJECTS = (
+    50_000  # new ones before garbage is looked for: loading makes many that stay, and looking through them is slow
+)
+
+
 def main() -> None:
     """Entry point: an input error is one message and exit code 1; a traceback is a bug of ours."""
+    gc.set_threshold(_OBJECTS, 50, 100)
     signal.signal(signal.SIGTERM, _stop)
     hangup = getattr(signal, "SIGHUP", None)
     if hangup is not None and signal.getsignal(hangup) != signal.SIG_IGN:  # not under nohup

@@ -7,10 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.markup import escape
 
-from symcal.cli import terminal
 from symcal.cli.app import Out, Quiet, Seed, Set
 
 # before NumPy is loaded: sums of small matrices, taken by several threads, would not be the same bits everywhere
@@ -36,6 +33,7 @@ def study(
     quiet: Quiet = False,
 ) -> None:
     """Run an experiment thousands of times over a grid; again after an interrupt, it goes on."""
+    from symcal.cli import terminal
     from symcal.trials.study import Execution, Interrupted, cores, run_study
 
     if scheduler is not None and workers is not None:
@@ -56,8 +54,12 @@ def study(
                 advance=advance,
             )
     except Interrupted as interrupted:
+        from rich.console import Console
+
         Console(stderr=True, soft_wrap=True).print(f"symcal: {interrupted}", markup=False, highlight=False)
         raise typer.Exit(_INTERRUPTED) from None
     if not quiet:
+        from rich.markup import escape
+
         terminal.print_trials(content)
         terminal.output().print(f"written to {escape(str(folder))}")

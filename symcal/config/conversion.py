@@ -31,7 +31,7 @@ from symcal.data.measurement_file import Split
 from symcal.documents.document import Document, Key, read_document, validate
 from symcal.documents.yaml_dialect import parse_value
 from symcal.errors import InputError
-from symcal.fit.estimation import Options
+from symcal.fit.options import Options
 from symcal.instruments.noise import Noise
 from symcal.model.measurement import Measurement
 from symcal.model.observation import Observation
@@ -60,7 +60,7 @@ def load_experiment(path: Path | str, overrides: Sequence[str] = ()) -> tuple[Ex
         raise InputError("this is a study, which repeats an experiment: 'symcal study' runs it", file=path, line=1)
     for override in overrides:
         document = overridden(document, override)
-    return validate(document, experiment_type()), document
+    return validate(document, experiment_type(document.data.get("measurements"))), document
 
 
 def overridden(document: Document, text: str) -> Document:

@@ -25,7 +25,7 @@ from symcal.config.noise import ByQuantity, Positive
 from symcal.config.plan import PlanConfig
 from symcal.config.study import StudyConfig
 from symcal.documents.document import Strict
-from symcal.instruments import KINDS
+from symcal.instruments import KINDS, Instrument
 from symcal.units import ANGLE, LENGTH, AngleUnit, LengthUnit, unit_factor
 
 SCHEMA: Literal["symcal/experiment/1"] = "symcal/experiment/1"
@@ -66,7 +66,7 @@ class SimulatedData(Strict):
 
     source: Literal["simulated"]
     truth: Truth
-    noise: SimulatedNoise = SimulatedNoise()
+    noise: SimulatedNoise = SimulatedNoise.model_construct()
     test_poses: Annotated[int, Field(ge=0, le=MOST)] = 1000
 
 
@@ -96,7 +96,7 @@ class RenderedData(Strict):
     board: str | None = None
     seen: Annotated[float, Field(gt=0, le=1)] = 0.4
     views: Annotated[int, Field(ge=3, le=MOST)] = 27
-    image: ImageLook = ImageLook()
+    image: ImageLook = ImageLook.model_construct()
     test_poses: Annotated[int, Field(ge=3, le=MOST)] = 200
     examples: Annotated[int, Field(ge=0, le=MOST)] = 4
 
@@ -127,7 +127,7 @@ class IdentificationConfig(Strict):
 
     solver: Literal["levenberg_marquardt", "gauss_newton", "ipopt"] = "levenberg_marquardt"
     loss: Literal["linear", "huber", "cauchy", "tukey", "auto"] = "linear"
-    tolerances: TolerancesConfig = TolerancesConfig()
+    tolerances: TolerancesConfig = TolerancesConfig.model_construct()
     fix: list[str] = []
     scales: dict[str, Positive] = {}
     scale_factor: Literal["estimated", "stated"] = "estimated"
@@ -218,12 +218,12 @@ class ExperimentFile(Strict):
     tool: Literal["known", "unknown"] = "known"
     targets: dict[Name, TargetConfig] = {}
     measurements: dict[Name, Any] = {}
-    plan: PlanConfig = PlanConfig()
+    plan: PlanConfig = PlanConfig.model_construct()
     data: Annotated[FileData | ImagesData | SimulatedData | RenderedData, Field(discriminator="source")] | None = None
-    identification: IdentificationConfig = IdentificationConfig()
-    validation: ValidationConfig = ValidationConfig()
+    identification: IdentificationConfig = IdentificationConfig.model_construct()
+    validation: ValidationConfig = ValidationConfig.model_construct()
     study: StudyConfig | None = None
-    outputs: OutputsConfig = OutputsConfig()
+    outputs: OutputsConfig = OutputsConfig.model_construct()
 
     @model_validator(mode="after")
     def _one_way(self) -> ExperimentFile:
@@ -237,9 +237,23 @@ class ExperimentFile(Strict):
         return self
 
 
-def experiment_type() -> type[ExperimentFile]:
-    """The schema with the keys of every kind that is registered now."""
-    each: Any = observation_type(tuple(KINDS.values()))
+def experiment_type(measurements: object = None) -> type[ExperimentFile]:
+    """The schema with the keys of every kind of instrument that is registered now.
+
+    Args:
+        measurements: as a file has them: where every entry names a registered kind, the keys of these kinds are enough.
+    """
+    each: Any = observation_type(_kinds(measurements))
     return create_model(
         "ExperimentFile", __base__=ExperimentFile, __doc__=ExperimentFile.__doc__, measurements=(dict[Name, each], {})
     )
+
+
+def _kinds(measurements: object) -> tuple[type[Instrument], ...]:
+    """Two at least, so that they are always told apart in the same way."""
+    entries = measurements.values() if isinstance(measurements, dict) else ()
+    named = [each.get("instrument") if isinstance(each, dict) else None for each in entries]
+    if not named or not all(isinstance(name, str) and name in KINDS for name in named):
+        return tuple(KINDS.values())
+    others = [name for name in KINDS if name not in named][: max(0, 2 - len(set(named)))]
+    return tuple(kind for name, kind in KINDS.items() if name in named or name in others)

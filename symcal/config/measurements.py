@@ -78,7 +78,7 @@ class FileData(Strict):
     file: str
     columns: dict[str, str | list[str]] = {}
     where: dict[str, str | int] = {}
-    split: SplitConfig = SplitConfig()
+    split: SplitConfig = SplitConfig.model_construct()
     delimiter: Literal[",", ";", "\t"] | None = None
     decimal: Literal[".", ","] = "."
 
@@ -93,7 +93,7 @@ class ImagesData(Strict):
     source: Literal["images"]
     files: str | Annotated[list[str], Field(min_length=1)]
     joints: str
-    split: SplitConfig = SplitConfig()
+    split: SplitConfig = SplitConfig.model_construct()
 
     @property
     def listed(self) -> list[str]:
@@ -257,14 +257,14 @@ class ObservationConfig(Strict):
 
     instrument: str
     at: Annotated[Annotated[str, Tag("word")] | Annotated[PlaceConfig, Tag("given")], Discriminator(word_or_given)] = (
-        PlaceConfig()
+        PlaceConfig.model_construct()
     )
     target: Annotated[
         Annotated[str, Tag("word")] | Annotated[TargetConfig, Tag("given")], Discriminator(word_or_given)
-    ] = TargetConfig()
+    ] = TargetConfig.model_construct()
     reports: Literal["target", "instrument"] = "target"
     session: str = ""
-    noise: NoiseConfig = NoiseConfig()
+    noise: NoiseConfig = NoiseConfig.model_construct()
     data: SourceConfig | None = None
     value: float | list[float] | None = None
 
@@ -288,7 +288,7 @@ def _of_kind(kind: type[Instrument]) -> type[ObservationConfig]:
     if len(sizes) == 1:  # one number will do
         named = BeforeValidator(partial(_named, next(iter(sizes))), json_schema_input_type=float | noise)
         either = Annotated[noise, named]
-    tag: dict[str, Any] = {"instrument": (Literal[kind.name], ...), "noise": (either, noise())}
+    tag: dict[str, Any] = {"instrument": (Literal[kind.name], ...), "noise": (either, noise.model_construct())}
     own: dict[str, Any] = {name: (field.annotation, field) for name, field in kind.Config.model_fields.items()}
     return create_model(kind.name, __base__=ObservationConfig, __doc__=kind.Config.__doc__, **tag, **own)
 

@@ -109,7 +109,7 @@ class TargetShape(Strict):
     disc_radius: _Positive
     triangle: Triangle | None = None
     points: dict[str, _Triple] | None = None
-    mount: Frame = Frame()
+    mount: Frame = Frame.model_construct()
 
     @model_validator(mode="after")
     def _one_shape(self) -> TargetShape:
@@ -131,7 +131,7 @@ class CameraConstraint(Strict):
     height: Count | None = None
     intrinsics: Intrinsics | None = None
     lens: Lens | None = None
-    distortion: Distortion = Distortion()
+    distortion: Distortion = Distortion.model_construct()
     placement: PlacementConfig
     target: Annotated[Annotated[str, Tag("file")] | Annotated[TargetShape, Tag("given")], Discriminator(_file_or_given)]
     margin_px: _NotNegative = 0.0
@@ -199,7 +199,7 @@ class Constraints(Strict):
     """What a pose must satisfy to be measured, beyond the working area; `view` is about pixel measurements."""
 
     camera: CameraConstraint | None = None
-    view: ViewLimits = ViewLimits()
+    view: ViewLimits = ViewLimits.model_construct()
     keep_out: list[KeepOutBox] = []
     planes: list[KeepOutPlane] = []
     coverage: CoverageConfig | None = None
@@ -226,7 +226,7 @@ class GeneticConfig(Strict):
     bits: Annotated[int, Field(ge=1, le=52)] = 8
     fitness: Literal["criterion", "condition", "paper"] = "criterion"
     conditioning: Literal["per_pose", "stacked"] = "stacked"
-    weights: FitnessWeights = FitnessWeights()
+    weights: FitnessWeights = FitnessWeights.model_construct()
 
 
 class PromiseConfig(Strict):
@@ -271,11 +271,11 @@ class PlanConfig(Strict):
     ] = []
     candidates: str | None = None
     distance: _NotNegative = 0.0
-    margins: Margins = Margins()
-    constraints: Constraints = Constraints()
-    genetic: GeneticConfig = GeneticConfig()
+    margins: Margins = Margins.model_construct()
+    constraints: Constraints = Constraints.model_construct()
+    genetic: GeneticConfig = GeneticConfig.model_construct()
     random: Annotated[int, Field(ge=0, le=MOST)] = 200
     prove: bool = False
     compare: list[MethodName] = []
-    promise: PromiseConfig = PromiseConfig()
+    promise: PromiseConfig = PromiseConfig.model_construct()
     sample: Annotated[int, Field(ge=100, le=MOST)] = 5000

@@ -34,7 +34,7 @@ class SceneConfig(Strict):
     look_at: _Triple
     triangle: Triangle
     disc_radius: _Positive
-    mount: Frame = Frame()
+    mount: Frame = Frame.model_construct()
     margin_px: _NotNegative = 0.0
     incidence: _Positive
 
@@ -93,9 +93,9 @@ class StudyConfig(Strict):
     scene: SceneConfig
     weights: WeightsConfig
     sound_weights: WeightsConfig
-    reading: ReadingConfig = ReadingConfig()
-    search: SearchConfig = SearchConfig()
-    simulation_1: SimulationOneConfig = SimulationOneConfig()
+    reading: ReadingConfig = ReadingConfig.model_construct()
+    search: SearchConfig = SearchConfig.model_construct()
+    simulation_1: SimulationOneConfig = SimulationOneConfig.model_construct()
     random_plans: Annotated[int, Field(ge=10, le=MOST)] = 2000
     repetitions: Annotated[int, Field(ge=10, le=MOST)] = 2000
     unregularised: Annotated[int, Field(ge=10, le=MOST)] = 60

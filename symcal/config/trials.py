@@ -122,7 +122,7 @@ class StudyFile(Strict):
     seed: Annotated[int, Field(ge=0)] = 1
     experiment: str
     repetitions: Annotated[int, Field(ge=1, le=MOST_TRIALS)] = 1000
-    vary: VaryConfig = VaryConfig()
-    identification: TrialIdentification = TrialIdentification()
-    judge: JudgeConfig = JudgeConfig()
-    outputs: StudyOutputs = StudyOutputs()
+    vary: VaryConfig = VaryConfig.model_construct()
+    identification: TrialIdentification = TrialIdentification.model_construct()
+    judge: JudgeConfig = JudgeConfig.model_construct()
+    outputs: StudyOutputs = StudyOutputs.model_construct()

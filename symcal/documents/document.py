@@ -32,15 +32,21 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 class Strict(BaseModel):
-    """Base of every file schema: unknown keys refused, no coercion of strings to numbers, NaN and infinity refused."""
+    """Base of every file schema: unknown keys refused, no coercion of strings to numbers, NaN and infinity refused.
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, populate_by_name=True)
+    Schemas are built when a file is read with them (`defer_build`). So that none is built earlier, a default that is a
+    model is written `Model.model_construct()`.
+    """
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, populate_by_name=True, defer_build=True
+    )
 
 
 class Loose(BaseModel):
     """Base of what a run leaves, as far as it is read again: known keys checked as strictly, others kept."""
 
-    model_config = ConfigDict(extra="allow", frozen=True, strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="allow", frozen=True, strict=True, allow_inf_nan=False, defer_build=True)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from numpy.typing import NDArray
 from symcal.errors import InputError, RefusedError
 from symcal.fit.identifiability import Identifiability, analyse
 from symcal.fit.noise import known_sigma, unknown_noise
+from symcal.fit.options import Options as Options
 from symcal.fit.posterior import Posterior, posterior_of
 from symcal.fit.redundancy import check_redundancy
 from symcal.fit.remainder_posterior import RemainderPosterior
@@ -34,12 +34,10 @@ from symcal.fit.variance_components import Components
 from symcal.fit.variances import VarianceModel, Variances
 from symcal.fit.whitened import LINKS, whitened
 from symcal.model.measurement import Setup
-from symcal.solvers import SOLVERS, SolverName
-from symcal.solvers.least_squares import Problem, Solution, Tolerances
+from symcal.solvers import SOLVERS
+from symcal.solvers.least_squares import Problem, Solution
 
 Array = NDArray[np.float64]
-
-Scales = Literal["estimated", "stated"]
 
 ROUNDS = 60
 """Of variances and estimate in turn, at most."""
@@ -49,25 +47,6 @@ _GOOD = 1e-3  # change that a fit may still have when the rounds are used up: a 
 _LOOSE = 1e-2  # of the last change of the log variances: as exactly are they sought in a round
 _ROUGH = 1e-6  # relative change of the cost that ends a minimisation while the variances are not yet known
 _NO_WORSE = 1e-9  # relative difference of the objective that is rounding
-
-
-@dataclass(frozen=True, slots=True)
-class Options:
-    """How to fit.
-
-    loss: `auto` is for an identification to choose (`symcal.calibration.loss_choice`); a single fit needs one.
-    sigma: known noise per group (mm, rad, px), estimated where absent. scales: whether a common factor on the plausible
-        sizes of the link parameters (and one on those of each group of joint terms) is estimated, or they hold as
-        stated. shrinking: groups of joint terms that may not be there at all: their factor is found whatever was
-        stated.
-    """
-
-    solver: SolverName = "levenberg_marquardt"
-    tolerances: Tolerances = field(default_factory=Tolerances)
-    loss: Loss | Literal["auto"] = "linear"
-    sigma: Mapping[str, float] = field(default_factory=dict)
-    scales: Scales = "estimated"
-    shrinking: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

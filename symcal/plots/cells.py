@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, Literal
 
 import numpy as np
-import scipy
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import Normalize
 from numpy.typing import NDArray
@@ -35,8 +34,16 @@ def in_cells(
     own = slice(None) if where is None else where
     if not len(values[own]):
         return np.full((len(edges[0]) - 1, len(edges[1]) - 1), np.nan), edges[0], edges[1]
-    found = scipy.stats.binned_statistic_2d(flat[own, 0], flat[own, 1], values[own], statistic=statistic, bins=edges)
-    return np.asarray(found.statistic), edges[0], edges[1]
+    shape = len(edges[0]) - 1, len(edges[1]) - 1
+    at = [np.digitize(flat[own, i], edges[i]) - 1 for i in range(2)]
+    place = np.ravel_multi_index([np.clip(a, 0, n - 1) for a, n in zip(at, shape, strict=True)], shape)
+    count = np.bincount(place, minlength=shape[0] * shape[1])
+    if statistic == "mean":
+        found = np.bincount(place, values[own], len(count)) / np.maximum(count, 1)
+    else:
+        found = np.full(len(count), -np.inf)
+        np.maximum.at(found, place, values[own])
+    return np.where(count, found, np.nan).reshape(shape), edges[0], edges[1]
 
 
 def draw_cells(axes: Any, cells: tuple[Array, Array, Array], scale: Normalize) -> QuadMesh:

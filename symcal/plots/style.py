@@ -9,6 +9,8 @@ from typing import Any
 
 import matplotlib
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from symcal.calibration.evaluate import Errors
@@ -16,6 +18,7 @@ from symcal.calibration.evaluate import Errors
 Comparison = Mapping[str, Mapping[str, Errors]]
 """Errors by part of the data (`train`, `test`, `cross_validation`, ...) and by state (`before`, `after`, ...)."""
 
+PIXELS_PER_INCH = 150
 NARROW, WIDE = 85.0, 170.0
 """Widths of one and of two columns of a page, mm."""
 
@@ -138,18 +141,40 @@ def print_settings(truetype: bool = False) -> Iterator[None]:
 
 
 def sheet(width: float, height: float) -> Figure:
-    """An empty figure of a size in mm, outside matplotlib's global state."""
-    return Figure(figsize=(width / 25.4, height / 25.4), layout="constrained")
+    """An empty figure of a size in mm, outside matplotlib's global state.
+
+    It is laid out on the canvas that its pixels are drawn on, so that no text is measured twice for the two.
+    """
+    figure = Figure(figsize=(width / 25.4, height / 25.4), dpi=PIXELS_PER_INCH, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
 
 
 def settle(figure: Figure) -> Figure:
     """Lay the figure out once and for all, so that writing it in several formats does not do it again."""
+    for axis in _straight(figure):
+        if not axis.label.get_text():  # matplotlib would look for its place among the numbers nonetheless
+            axis.set_label_coords(0.5, 0.5)
     engine = figure.get_layout_engine()
     if engine is not None:
         with print_settings():
             engine.execute(figure)
     figure.set_layout_engine("none")
     return figure
+
+
+def hold_labels(figure: Figure) -> None:
+    """Leave the names of axes where they were drawn, so that drawing again does not look for their places again."""
+    for axis in _straight(figure):
+        x, y = axis.label.get_transform().transform(axis.label.get_position())
+        axis.set_label_coords(*axis.axes.transAxes.inverted().transform((x, y)))
+
+
+def _straight(figure: Figure) -> Iterator[Axis]:
+    """Axes that are drawn and have their names beside them: none of views in space."""
+    for axes in figure.axes:
+        if axes.name == "rectilinear" and axes.axison:
+            yield from (axes.xaxis, axes.yaxis)
 
 
 def escaped(text: str) -> str:

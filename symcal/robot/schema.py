@@ -118,7 +118,7 @@ class CalibrationEntry(Strict):
     covariance: list[list[float]]
     nominal_base: Frame
     nominal_tool: Frame
-    provenance: Provenance = Provenance()
+    provenance: Provenance = Provenance.model_construct()
 
 
 class RobotFile(PhysicsEntries):
@@ -127,8 +127,8 @@ class RobotFile(PhysicsEntries):
     convention: Convention
     units: RobotUnits
     links: Annotated[list[LinkEntry], Field(min_length=1)]
-    base: Frame = Frame()
-    tool: Frame = Frame()
+    base: Frame = Frame.model_construct()
+    tool: Frame = Frame.model_construct()
     scales: dict[str, _Positive] = Field(default_factory=dict)
     calibration: Annotated[CalibrationEntry | None, BeforeValidator(_given)] = None
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile
 from symcal.documents.document import Document
-from symcal.fit.estimation import Options
+from symcal.fit.options import Options
 from symcal.model.model import Model, build_model
 from symcal.robot.files import load_robot
 from symcal.robot.robot import Robot

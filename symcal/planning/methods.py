@@ -188,13 +188,22 @@ def improve(
     return best
 
 
+def plan_of(task: SearchTask, design: ApproximateDesign, rng: np.random.Generator) -> Array | None:
+    """A design as a plan, for so many poses that rounding costs next to nothing; None where it does."""
+    plan = rounded(design.poses, design.weights, task.count, rng)
+    best = float(task.criterion.score(task.fixed + task.count * design.matrix))
+    if task.score(plan) < best - _NEAR:
+        plan = _refine(task, plan, lambda _: None)
+    return plan if task.score(plan) >= best - _NEAR else None
+
+
 def rounded(atoms: Array, weights: Array, count: int, rng: np.random.Generator) -> Array:
     """A design as so many poses, shape (count, dof): each atom as often as its share of the weight says, to the whole
     number below or above, by systematic sampling in random order ([Madow1949])."""
     order = rng.permutation(len(weights))
     ends = np.cumsum(weights[order])
     taken = np.searchsorted(ends, (rng.random() + np.arange(count)) / count * ends[-1], side="right")
-    return atoms[order[np.minimum(taken, len(order) - 1)]]
+    return np.asarray(atoms[order[np.minimum(taken, len(order) - 1)]])
 
 
 def _exchange(task: SearchTask, pool: Pool, keep: int | None, report: Report, *, repeats: bool = False) -> Array:

@@ -31,11 +31,11 @@ Report = Callable[[Array], None]
 
 STARTS = 8  # random plans that the method `refine` starts from
 
-ROUNDINGS = 3
+ROUNDINGS = 2
 """Roundings of a design that `improve` tries."""
 
 _NEAR = 5e-4  # of the score: a plan so near to the design can hardly be better
-_PASSES, _WORTH = 4, 1e-4  # repetitions for the best, at most, as long as each raises the score by so much
+_PASSES, _WORTH = 3, 1e-4  # repetitions for the best, at most, as long as each raises the score by so much
 _WEIGHTY = 1e-4  # weight from which on an atom of a design is worth trying
 _NEIGHBOURS = 24  # feasible neighbours of each pose in a local exchange
 _RADII = (0.1, 0.03, 0.01)  # of the working area

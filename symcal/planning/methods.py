@@ -4,7 +4,7 @@ random      poses uniform over the feasible set
 exchange    greedy choice and exchange over a pool with coordinates snapped to limits
 refine      gradient refinement of random plans, the best of several starts
 combined    exchange, then refinement
-certified   the same; `symcal.planning.search` then does both again with the poses of the certificate's design
+certified   the same; `symcal.planning.search` then improves it with the certificate's design (`improve`)
 """
 
 from __future__ import annotations
@@ -31,6 +31,11 @@ Report = Callable[[Array], None]
 
 STARTS = 8  # random plans that the method `refine` starts from
 
+ROUNDINGS = 2
+"""Roundings of a design that `improve` tries."""
+
+_NEAR = 5e-4  # of the score: a plan so near to the design can hardly be better
+_PASSES, _WORTH = 3, 1e-4  # repetitions for the best, at most, as long as each raises the score by so much
 _WEIGHTY = 1e-4  # weight from which on an atom of a design is worth trying
 _NEIGHBOURS = 24  # feasible neighbours of each pose in a local exchange
 _RADII = (0.1, 0.03, 0.01)  # of the working area
@@ -149,13 +154,56 @@ def combined_plan(task: SearchTask, rng: np.random.Generator, report: Report) ->
 def improve(
     task: SearchTask, poses: Array, design: ApproximateDesign, rng: np.random.Generator, report: Report
 ) -> Array:
-    """Another exchange and refinement, with the poses of an optimal approximate design to choose from; never worse."""
+    """The best of several exchanges and refinements with the poses of an optimal approximate design to choose from; the
+    first begins at the plan, the others at roundings of the design. Never worse than the plan; at once done where the
+    plan is as near to the design as a rounding can be."""
     if task.finite:
         return poses
-    atoms = design.poses[design.weights > _WEIGHTY]
-    tried = _exchange(task, task.pool(np.concatenate([poses, atoms])), len(poses), report, repeats=True)
-    tried = _polish(task, tried, rng, report)
-    return tried if task.score(tried) > task.score(poses) else poses
+    goal = np.inf
+    if task.extended is None:
+        goal = float(task.criterion.score((task.count + len(task.required)) * design.matrix)) - _NEAR
+    weighty = design.weights > _WEIGHTY
+    atoms = design.poses[weighty]
+    # with a distance between poses the design, which knows of none, is no plan to begin with
+    roundings = ROUNDINGS if task.distance == 0 else 0
+
+    def again(start: Array) -> Array:
+        pool = task.pool(np.concatenate([start, atoms]))
+        if len(pool) < len(start) + len(atoms):
+            return start  # some pose tells nothing: places in the pool would be wrong
+        return _polish(task, _exchange(task, pool, len(start), report, repeats=True), rng, report)
+
+    best = poses
+    for turn in range(1 + roundings):
+        if task.score(best) >= goal:
+            return best
+        tried = again(poses if turn == 0 else rounded(atoms, design.weights[weighty], task.count, rng))
+        best = tried if task.score(tried) > task.score(best) else best
+    for _ in range(_PASSES):
+        tried = again(best)
+        gain = task.score(tried) - task.score(best)
+        best = tried if gain > 0 else best
+        if not gain > _WORTH or task.score(best) >= goal:
+            break
+    return best
+
+
+def plan_of(task: SearchTask, design: ApproximateDesign, rng: np.random.Generator) -> Array | None:
+    """A design as a plan, for so many poses that rounding costs next to nothing; None where it does."""
+    plan = rounded(design.poses, design.weights, task.count, rng)
+    best = float(task.criterion.score(task.fixed + task.count * design.matrix))
+    if task.score(plan) < best - _NEAR:
+        plan = _refine(task, plan, lambda _: None)
+    return plan if task.score(plan) >= best - _NEAR else None
+
+
+def rounded(atoms: Array, weights: Array, count: int, rng: np.random.Generator) -> Array:
+    """A design as so many poses, shape (count, dof): each atom as often as its share of the weight says, to the whole
+    number below or above, by systematic sampling in random order ([Madow1949])."""
+    order = rng.permutation(len(weights))
+    ends = np.cumsum(weights[order])
+    taken = np.searchsorted(ends, (rng.random() + np.arange(count)) / count * ends[-1], side="right")
+    return np.asarray(atoms[order[np.minimum(taken, len(order) - 1)]])
 
 
 def _exchange(task: SearchTask, pool: Pool, keep: int | None, report: Report, *, repeats: bool = False) -> Array:

@@ -30,6 +30,7 @@ _LIFTS = 4  # times that atoms without weight are given some again
 _LIFTED = 0.02  # weight that they get together
 _NEWCOMERS = 100  # atoms added at a time at most
 _SHARE = 0.05  # weight of all new atoms together
+_NEARLY = 0.02  # excess of a design that has nearly all atoms it needs
 _CLIMBS = 150  # samples from which new atoms are looked for, beside the atoms
 _TAIL, _TAILS = 3e-3, 30.0  # weight of all the atoms together that are dropped as the lightest; and of the excess
 
@@ -57,7 +58,7 @@ def optimal_design(
     rng: np.random.Generator,
     *,
     tolerance: float = TOLERANCE,
-    rounds: int = 40,
+    rounds: int = 80,
 ) -> ApproximateDesign:
     """The best measure on a feasible set, for a concave and smooth criterion.
 
@@ -68,7 +69,7 @@ def optimal_design(
     """
     atoms = np.unique(start, axis=0)
     weights = np.full(len(atoms), 1.0 / len(atoms))
-    excess = 1.0
+    excess, wide = 1.0, False
     for turn in range(rounds):
         # no need to weigh more finely than the atoms deserve
         fine = max(tolerance / 4, excess / 10)
@@ -80,8 +81,10 @@ def optimal_design(
         weights = optimal_weights(criterion, matrices, ground, weights[kept], fine)
         matrix = np.asarray(ground + np.einsum("k,kij->ij", weights, matrices))
         slope = criterion.slope(matrix)
-        values, poses = maxima(info.function, slope, where, rng, atoms, _CLIMBS)
-        excess = float(values[0] + np.sum(slope * ground) - 1.0)
+        values, poses = maxima(info.function, slope, where, rng, atoms, _CLIMBS, wide=wide)
+        before, excess = excess, float(values[0] + np.sum(slope * ground) - 1.0)
+        # a maximum out of nothing: constraints hide some, and it takes more to find them
+        wide = wide or (before < _NEARLY and excess > 3 * before)
         if excess < tolerance or turn == rounds - 1:
             values, poses = largest(info.function, slope, where, rng, thorough=True)
             excess = max(excess, float(values[0] + np.sum(slope * ground) - 1.0))

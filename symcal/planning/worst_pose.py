@@ -98,13 +98,21 @@ def largest(
 
 
 def maxima(
-    function: PoseRows, weight: Array, where: FeasibleSet, rng: np.random.Generator, begun: Array, count: int
+    function: PoseRows,
+    weight: Array,
+    where: FeasibleSet,
+    rng: np.random.Generator,
+    begun: Array,
+    count: int,
+    *,
+    wide: bool = False,
 ) -> tuple[Array, Array]:
     """Poses where tr(F W F^T) is large, best first, near the given ones and near the best of the sample: values (k,)
     and poses (k, dof), each near to none that is better. Faster than `largest` and less exact.
 
     Args:
         begun: feasible poses to climb from, shape (j, dof). count: samples to climb from beside them.
+        wide: where constraints cut, let all of them look about for better ones, and not only the best.
     """
     area = where.area
     values = function.weighted(where.sample, weight)
@@ -115,7 +123,7 @@ def maxima(
     first = _spread(values, area.unit(where.sample), count)
     poses, reached = _ascend(function, weight, where, np.concatenate([begun, where.sample[first]]))
     if where.feasible is not None:
-        best = np.argsort(-reached, kind="stable")[:_CLIMBERS]
+        best = np.argsort(-reached, kind="stable")[: None if wide else _CLIMBERS]
         poses[best] = _climb(function, weight, where, poses[best], rng)
         reached = function.weighted(poses, weight)
     apart = _spread(reached, area.unit(poses), len(poses), _SAME)

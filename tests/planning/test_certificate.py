@@ -141,3 +141,20 @@ def test_candidates_are_searched_completely(rng):
     assert "all 200 poses to choose from" in proof.statement
     slope = np.linalg.inv(proof.design.matrix)
     assert proof.gap == pytest.approx(max(info.function.weighted(where.sample, slope).max() - info.rank, 0.0), abs=1e-6)
+
+
+def test_bound_of_a_seven_axis_arm_is_the_one_that_convex_optimisation_finds(rng):
+    cp = pytest.importorskip("cvxpy")
+    info, count = fr3(), 120
+    where = FeasibleSet(info.area.snapped(rng, count), None)
+    proof = certify(info, where.sample[:20], criterion("D"), where, rng, tolerance=1e-4)
+    matrices, root = whitened(info.matrices(where.sample))
+    w = cp.Variable(count, nonneg=True)
+    total = sum(w[k] * matrices[k] for k in range(count))
+    problem = cp.Problem(cp.Maximize(cp.log_det(total)), [cp.sum(w) == 1])
+    problem.solve(solver="CLARABEL")
+    theirs = problem.value - 2 * np.linalg.slogdet(root)[1]
+    # never below the optimum, and above it by no more than its own slack
+    assert theirs - 1e-4 <= proof.logdet_upper_bound <= theirs + info.rank * 1e-4 + 1e-3
+    of_plan = np.linalg.slogdet(info.total(where.sample[:20]) / 20)[1]
+    assert proof.d_efficiency_lower_bound == pytest.approx(np.exp((of_plan - theirs) / info.rank), rel=1e-3)

@@ -12,7 +12,8 @@ what is left is the error of the seen ones with their plausible sizes as prior P
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,11 +37,13 @@ class ErrorFloor:
     prior: P, shape (n, n), with plausible sizes.
     terms: per bound (tr(W M_a^-1)^2, max_x tr(V I(x)), V) with V = M_a^-1 W M_a^-1; the first is for the mean.
     logdet_upper_bound: of log det of the mean information per pose, for plans without priors.
+    designs: the approximate designs behind the bounds, by criterion.
     """
 
     prior: Array
     terms: tuple[tuple[float, float, Array], ...]
     logdet_upper_bound: float
+    designs: Mapping[str, ApproximateDesign] = field(default_factory=dict)
 
     def mean(self, count: int) -> float:
         """Of the root mean square error over the region, mm."""
@@ -78,7 +81,7 @@ def error_floor(info: PoseInformation, accuracy: Accuracy, where: FeasibleSet, r
         terms.append((square, square / bound, np.asarray(inverse @ weight @ inverse)))
     logdet = float(np.linalg.slogdet(by_worst.matrix)[1]) + info.rank * max(by_worst.excess, 0.0)
     known = info.sizes @ info.basis
-    return ErrorFloor(known.T @ known, tuple(terms), logdet)
+    return ErrorFloor(known.T @ known, tuple(terms), logdet, {"I": by_mean, "D": by_worst})
 
 
 _RIDGE = 1e-9  # of typical information: keeps designs regular that would only determine everything with priors

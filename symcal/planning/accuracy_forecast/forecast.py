@@ -16,7 +16,7 @@ from symcal.planning.accuracy_forecast.prediction import Prediction, RandomPlans
 from symcal.planning.area import Feasible
 from symcal.planning.criteria import criterion
 from symcal.planning.information import PoseInformation
-from symcal.planning.methods import METHODS, SearchTask, fewest_poses
+from symcal.planning.methods import METHODS, SearchTask, fewest_poses, plan_of
 from symcal.planning.region import Accuracy, TaskRegion, area_region, region_accuracy
 from symcal.planning.worst_pose import FeasibleSet, feasible_set
 
@@ -26,6 +26,7 @@ Figure = Literal["mean", "worst"]
 LARGEST_PLAN = 1000
 """Poses beyond which `poses_needed` gives up: hardly anybody measures more."""
 
+_MANY = 10  # poses per direction from which a plan is made from a design rather than by exchange
 _SAMPLE = 2500  # poses that stand for the feasible set: fewer than for one plan, since many are made here
 
 
@@ -108,7 +109,7 @@ def forecast(
                 f"{count} poses do not determine {info.rank} directions: take {fewest_poses(info)} or more"
             )
         task = _task(info, accuracy, where, objective, count)
-        best.append(predict(accuracy, info.posterior(METHODS[method](task, own, _nobody)), own))
+        best.append(predict(accuracy, info.posterior(_searched(task, method, floor, own)), own))
         others.append(random_plans(info, accuracy, task, floor.logdet_upper_bound, random, own))
         if progress is not None:
             progress(count)
@@ -162,7 +163,7 @@ def poses_needed(
 
     def attempt(count: int) -> tuple[Array, Prediction, float]:
         task = _task(info, accuracy, where, objective, count)
-        poses = METHODS[method](task, for_search, _nobody)
+        poses = _searched(task, method, floor, for_search)
         prediction = predict(accuracy, info.posterior(poses), for_search)
         return poses, prediction, _figure(prediction, figure)
 
@@ -233,6 +234,16 @@ def ground(
 def _task(info: PoseInformation, accuracy: Accuracy, where: FeasibleSet, objective: str, count: int) -> SearchTask:
     merit = criterion(objective, poses=count, accuracy=accuracy)
     return SearchTask(info, merit, count, info.prior, where, np.zeros((0, info.area.dof)))
+
+
+def _searched(task: SearchTask, method: str, floor: ErrorFloor, rng: np.random.Generator) -> Array:
+    """A plan by a search method, or where it has very many poses the floor's design as a plan, if that is as good."""
+    design = floor.designs.get(task.criterion.name)
+    if method == "combined" and design is not None and task.count >= _MANY * task.info.rank:
+        plan = plan_of(task, design, rng)
+        if plan is not None:
+            return plan
+    return METHODS[method](task, rng, _nobody)
 
 
 def _figure(errors: Prediction | RandomPlans, figure: Figure) -> float:

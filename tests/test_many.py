@@ -27,7 +27,7 @@ from symcal.fit.residual_rows import rows_of
 from symcal.fit.whitened import beforehand
 from symcal.kernels.compiler import find_compiler
 from symcal.model.contact import contact_postures
-from symcal.model.model import Model, build_model
+from symcal.model.model import Kernels, Model, build_model
 from symcal.model.task import Task
 from symcal.parameters import JointPrior
 from symcal.solvers.least_squares import Tolerances
@@ -85,7 +85,8 @@ def stated() -> Case:
     tie = JointPrior(("a_5", "d_5"), np.array([[0.04, 0.03], [0.03, 0.09]]))
     tied = replace(model.parameters, joint_priors=(tie,))
     symbolic = replace(model.measurement.chain, parameters=tied)
-    return Case(replace(model, measurement=replace(model.measurement, chain=symbolic)), front_half, np.full(3, 0.05))
+    kernels = Kernels(replace(model.measurement, chain=symbolic))
+    return Case(replace(model, kernels=kernels), front_half, np.full(3, 0.05))
 
 
 def contacts() -> Case:

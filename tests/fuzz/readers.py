@@ -112,7 +112,23 @@ def _configs(folder: Path) -> list[bytes]:
     for name in ("robots", "vision"):
         if not (folder / name).exists():
             shutil.copytree(CONFIGS / name, folder / name)
-    return [path.read_bytes() for path in sorted(CONFIGS.glob("*.yaml"))]
+    return [path.read_bytes() for path in sorted(CONFIGS.glob("*.yaml")) if not path.name.startswith("study_")]
+
+
+def _studies(folder: Path) -> list[bytes]:
+    """The studies of the project, whose experiments and plans are copied beside them."""
+    for name in ("robots", "vision", "plans"):
+        if not (folder / name).exists():
+            shutil.copytree(CONFIGS / name, folder / name)
+    for path in CONFIGS.glob("*.yaml"):
+        shutil.copy(path, folder / path.name)
+    return [path.read_bytes() for path in sorted(CONFIGS.glob("study_*.yaml"))]
+
+
+def _study(path: Path) -> object:
+    from symcal.trials.load import read_study
+
+    return read_study(path)
 
 
 def _robots(_: Path) -> list[bytes]:
@@ -263,6 +279,7 @@ READERS: dict[str, Reader] = {
     "results": Reader(partial(read_results, ARM), lambda folder: beside(ARM, folder, "results.json"), ".json"),
     "manifest": Reader(read_manifest, lambda folder: beside(ARM, folder, "manifest.json"), ".json"),
     "experiment": Reader(_experiment, _configs),
+    "study": Reader(_study, _studies),
     "set": Reader(_set, lambda _: [text.encode() for text in _SETS], ".txt"),
     "urdf": Reader(_urdf, lambda _: [URDF], ".urdf"),
     "camera": Reader(_camera, _vision("*cam*.yaml")),

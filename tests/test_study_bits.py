@@ -16,6 +16,8 @@ from studies import killed_half_way, write_study
 
 from symcal.documents.document import read_document
 from symcal.errors import InputError, RefusedError
+from symcal.kernels.compile import load_library
+from symcal.kernels.compiler import find_compiler
 from symcal.trials import study as running
 from symcal.trials.cluster import alike
 from symcal.trials.description import packed
@@ -184,6 +186,24 @@ def test_portable_kernels_are_said(small):
         with (small / folder / "trials.csv").open() as file:
             tables.append(np.array([[float(row[name]) for name in names] for row in csv.DictReader(file)]))
     np.testing.assert_allclose(*tables, rtol=1e-5)
+
+
+@pytest.mark.skipif(find_compiler() is None, reason="no compiler")
+def test_all_of_a_portable_study_is_portable(tmp_path, monkeypatch):
+    """Models are shared within a process: that others were built before, for this processor, changes nothing."""
+    study = write_study(tmp_path, 4, "{poses: 12}")
+    run_study(study, tmp_path / "native", execution=Execution(1))
+    asked = []
+
+    def load(source, optimisation, entry, *, portable=False):
+        asked.append((entry, portable))
+        return load_library(source, optimisation, entry, portable=portable)
+
+    for room in ("fit", "compiled"):
+        monkeypatch.setattr(f"symcal.kernels.{room}.load_library", load)
+    run_study(study, tmp_path / "portable", execution=Execution(1, portable=True))
+    assert {entry for entry, _ in asked} == {"symcal_fit", "symcal_kernel"}
+    assert all(portable for _, portable in asked), asked
 
 
 def test_a_worker_that_differs_later_is_refused(small, monkeypatch):

@@ -52,12 +52,14 @@ class System:
     _kernels: dict[Layout, FitKernel | None] = field(default_factory=dict, compare=False, repr=False)
 
     def kernel(self, layout: Layout) -> FitKernel | None:
-        """The compiled identification of arrays in this form; None where numpy has to do it."""
-        if self.rows is None or self.rows.program is None:
+        """The compiled identification of arrays in this form; None where numpy has to do it, or is asked for."""
+        if self.rows is None or self.rows.program is None or self.rows.kind.backend != "c":
             return None
         if layout not in self._kernels:
             known = None if self.known is None else read_program(self.known)
-            self._kernels[layout] = fit_kernel(self.rows.program, layout, known, self.prior, self.scales)
+            self._kernels[layout] = fit_kernel(
+                self.rows.program, layout, known, self.prior, self.scales, portable=self.rows.kind.portable
+            )
         return self._kernels[layout]
 
     def at(self, q: Array, x: Array, setup: Array, z: Array) -> tuple[Array, Array]:
@@ -125,7 +127,7 @@ def _made(model: Model, free: tuple[str, ...], moved: bool) -> System:
     if whole and len(measurement.parts) == 1 and isinstance(model.residual, BatchFunction):
         rows = model.residual
     elif not staged:
-        rows = batch_function(_rows(measurement, index, moved))
+        rows = batch_function(_rows(measurement, index, moved), backend=model.kernels.choice)
     return System(
         model=model,
         free=free,

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from symcal.kernels.compile import load_library
 from symcal.kernels.fit_source import ENTRY, Layout, fit_source
 from symcal.kernels.instructions import Program
-from symcal.kernels.path import chosen_kind
 
 Array = NDArray[np.float64]
 
@@ -106,14 +105,15 @@ def _address(array: NDArray[Any]) -> int:
     return int(array.__array_interface__["data"][0])
 
 
-def fit_kernel(program: Program, layout: Layout, known: Program | None, prior: Array, width: Array) -> FitKernel | None:
+def fit_kernel(
+    program: Program, layout: Layout, known: Program | None, prior: Array, width: Array, *, portable: bool
+) -> FitKernel | None:
     """Compile (or find compiled) the identification of a measurement; None where there is no compiler.
 
     Args:
         program, layout, known: see `fit_source`. prior: upper triangular rows of what is known before, shape (k, k).
-        width: scales of the damping, shape (k,).
+        width: scales of the damping, shape (k,). portable: see `symcal.kernels.path.path_in_use`.
     """
-    portable = chosen_kind("auto", None).portable
     source, short = fit_source(program, layout, known, portable=portable), len(program.instructions) < _LONG
     library = load_library(source, "-O2" if short else "-O1", ENTRY, portable=portable)
     if library is None:

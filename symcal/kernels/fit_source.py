@@ -20,9 +20,8 @@ from symcal.kernels.instructions import (
     Store,
     c_constant,
     c_expression,
-    scalar_definitions,
 )
-from symcal.kernels.vector import OWN_SINES
+from symcal.kernels.vector import scalar_text
 
 ENTRY = "symcal_fit"
 
@@ -109,7 +108,7 @@ def fit_source(program: Program, layout: Layout, known: Program | None = None, *
             "#include <stdlib.h>",
             *(f"#define {name} {value}" for name, value in sizes.items()),
             f"static const int FREE[NF] = {{{', '.join(map(str, layout.free))}}};",
-            scalar_definitions([program] if known is None else [program, known]) + (OWN_SINES if portable else ""),
+            scalar_text([program] if known is None else [program, known], portable=portable),
             _header("householder.h"),
             _header("fit.h"),
             *_function("void shared_values(const Job *job, double *shared)", once.lines),
@@ -228,7 +227,9 @@ class _Writer:
         elif self.stages[changes].vector:
             self.stages[changes].lines.append(f"V {angle}sin, {angle}cos; v_sincos({angle}, &{angle}sin, &{angle}cos);")
         else:
-            self.stages[changes].lines.append(f"const double {angle}sin = sin({angle}), {angle}cos = cos({angle});")
+            self.stages[changes].lines += [
+                f"const double {angle}{f} = {c_expression(f, [angle])};" for f in ("sin", "cos")
+            ]
         self.where[f"{angle}sin"] = self.where[f"{angle}cos"] = self.stages[changes]
         return f"{angle}{op}"
 

@@ -6,7 +6,9 @@ import hashlib
 import logging
 import os
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.metadata import version
@@ -23,6 +25,8 @@ logger = logging.getLogger(__name__)
 VARIABLE = "SYMCAL_KERNELS"
 Choice = Literal["auto", "c", "numpy", "vm", "portable"]
 CHOICES: tuple[Choice, ...] = ("auto", "c", "numpy", "vm", "portable")
+
+_asked: ContextVar[Choice] = ContextVar("asked", default="auto")
 
 # Evaluations below which something simpler is over sooner. All costs grow with the number of instructions, so both
 # hardly depend on the function. Below the first numpy takes some tenths of a second at most, less than most first
@@ -80,12 +84,36 @@ class KernelPath:
         return f"{used}, {self.processor}, {self.libraries}"
 
 
+@contextmanager
+def kernels_by(choice: Choice) -> Iterator[None]:
+    """Meanwhile `auto` means this choice in this thread, whatever the environment says; with `auto` nothing changes."""
+    before = _asked.set(choice if choice != "auto" else _asked.get())
+    try:
+        yield
+    finally:
+        _asked.reset(before)
+
+
+def choice_in_force() -> Choice:
+    """What `auto` means now: what `kernels_by` asks for, else what the environment's SYMCAL_KERNELS says.
+
+    Raises:
+        InputError: SYMCAL_KERNELS is something else.
+    """
+    asked = _asked.get()
+    name = asked if asked != "auto" else os.environ.get(VARIABLE, "auto")
+    for choice in CHOICES:
+        if choice == name:
+            return choice
+    raise InputError("unknown backend for kernels", key=VARIABLE, found=name, allowed=CHOICES)
+
+
 def chosen_kind(choice: Choice, evaluations: int | None) -> Kind:
     """What runs a function; it follows from the arguments, SYMCAL_KERNELS and the presence of a compiler alone.
 
     Args:
-        choice: `auto`: what the environment's SYMCAL_KERNELS says, else by the number of evaluations: `vm` for a few,
-            `numpy` for some thousand, `c` for more.
+        choice: `auto`: see `choice_in_force`, else by the number of evaluations: `vm` for a few, `numpy` for some
+            thousand, `c` for more.
             `c`: compiled for this processor; `numpy` where there is no compiler.
             `numpy`: straight-line numpy. `vm`: CasADi's virtual machine.
             `portable`: see `path_in_use`.
@@ -93,9 +121,7 @@ def chosen_kind(choice: Choice, evaluations: int | None) -> Kind:
     Raises:
         InputError: no such choice.
     """
-    name = choice if choice != "auto" else os.environ.get(VARIABLE, "auto")
-    if name not in CHOICES:
-        raise InputError("unknown backend for kernels", key=VARIABLE, found=name, allowed=CHOICES)
+    name = choice if choice != "auto" else choice_in_force()
     portable, many = name == "portable", evaluations is None or evaluations >= WORTH_COMPILING
     if name == "vm" or (name == "auto" and evaluations is not None and evaluations < WORTH_WRITING):
         return Kind("vm")

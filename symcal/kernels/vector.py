@@ -1,11 +1,13 @@
 """A batched kernel in C: one program for LANES poses at a time, over plain row-major arrays.
 
 What depends on shared inputs alone (most sines and cosines of a robot: those of its parameters) is computed once, in
-scalar code with libm; the rest in vectors. Lanes are filled from, and written to, rows of the caller's arrays.
+scalar code, with libm's sines unless the level is the portable one; the rest in vectors. Lanes are filled from, and
+written to, rows of the caller's arrays.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from importlib import resources
 
 from symcal.kernels.instructions import (
@@ -21,11 +23,16 @@ from symcal.kernels.instructions import (
 
 ENTRY = "symcal_kernel"
 
-OWN_SINES = """#undef real_sin
-#undef real_cos
-#define real_sin(a) scalar_sin(a)
-#define real_cos(a) scalar_cos(a)"""
-"""For the portable level, after lanes.h and `scalar_definitions`: sines of shared values are not libm's."""
+
+def scalar_text(programs: Iterable[Program], *, portable: bool) -> str:
+    """`scalar_definitions` for what is computed outside of the lanes; sines and cosines are always among them.
+
+    Args:
+        portable: sines and cosines are our own there too, as in the lanes, not libm's. Comes after lanes.h then.
+    """
+    own = "scalar_" if portable else ""
+    sines = "\n".join(f"#undef real_{name}\n#define real_{name}(a) {own}{name}(a)" for name in ("sin", "cos"))
+    return f"{scalar_definitions(programs)}{sines}\n"
 
 
 def kernel_source(program: Program, batched: tuple[bool, ...], *, portable: bool = False) -> str:
@@ -51,7 +58,7 @@ def kernel_source(program: Program, batched: tuple[bool, ...], *, portable: bool
     part = ", ".join(["shared", *(f"{n}_part" for n, _ in rows_in + rows_out)])
     lines = [
         resources.files(__package__).joinpath("lanes.h").read_text(encoding="utf-8"),
-        scalar_definitions([program]) + (OWN_SINES if portable else ""),
+        scalar_text([program], portable=portable),
         f"static void shared_values({', '.join([*(f'const double *{n}' for n in shared_names), 'double *shared'])}) {{",
         *(f"  {line}" for line in shared_lines),
         "}",

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.kernels import BatchFunction, batch_function
+from symcal.kernels.path import Choice
 from symcal.model.measurement import Measurement, Part
 from symcal.model.staged_kernel import StagedKernel
 
@@ -58,28 +59,30 @@ class Margins:
         return np.asarray(margins.reshape(len(q), self.features, -1))
 
 
-def rows_kernel(part: Part) -> RowKernel:
+def rows_kernel(part: Part, choice: Choice = "auto") -> RowKernel:
     """Residuals of one observation and their slopes."""
-    return part.residual if isinstance(part.residual, StagedKernel) else batch_function(part.residual)
+    return part.residual if isinstance(part.residual, StagedKernel) else batch_function(part.residual, backend=choice)
 
 
 def readings_kernel(measurement: Measurement, evaluations: int | None = 0) -> BatchFunction | Assembled:
     """(q, x, setup) -> the readings of all instruments, shape (N, nz)."""
-    return _assembled(measurement, measurement.predict, evaluations, lambda part: part.readings, StagedKernel.readings)
+    whole = _written(measurement, measurement.predict, evaluations, "auto")
+    return _assembled(measurement, whole, lambda part: part.readings, StagedKernel.readings)
 
 
-def slopes_kernel(measurement: Measurement, evaluations: int | None = 0) -> BatchFunction | Assembled:
+def slopes_kernel(measurement: Measurement, choice: Choice = "auto") -> BatchFunction | Assembled:
     """(q, x, setup) -> J at zero residual, shape (N, m, n)."""
-    function = measurement.jacobian
-    return _assembled(measurement, function, evaluations, lambda part: part.components, StagedKernel.jacobian)
+    whole = _written(measurement, measurement.jacobian, 0, choice)
+    return _assembled(measurement, whole, lambda part: part.components, StagedKernel.jacobian)
 
 
-def errors_kernel(measurement: Measurement, evaluations: int | None = 0) -> BatchFunction | Assembled:
+def errors_kernel(
+    measurement: Measurement, evaluations: int | None, choice: Choice = "auto"
+) -> BatchFunction | Assembled:
     """(q, x, setup, z) -> what is judged, shape (N, ne)."""
     return _assembled(
         measurement,
-        measurement.accuracy,
-        evaluations,
+        _written(measurement, measurement.accuracy, evaluations, choice),
         lambda part: slice(part.errors.start, part.attitudes.stop),
         StagedKernel.errors,
     )
@@ -94,15 +97,22 @@ def margins_kernel(part: Part, evaluations: int | None = None) -> Callable[[Arra
     )
 
 
+def _written(
+    measurement: Measurement, function: ca.Function, evaluations: int | None, choice: Choice
+) -> BatchFunction | None:
+    """The function of the observations that are written out, if there are any."""
+    if all(part.staged is not None for part in measurement.parts):
+        return None
+    return batch_function(function, backend=choice, evaluations=evaluations)
+
+
 def _assembled(
     measurement: Measurement,
-    function: ca.Function,
-    evaluations: int | None,
+    whole: BatchFunction | None,
     where: Callable[[Part], slice],
     value: Callable[..., Array],
 ) -> BatchFunction | Assembled:
     written = [part for part in measurement.parts if part.staged is None]
-    whole = batch_function(function, evaluations=evaluations) if written else None
     if whole is not None and len(written) == len(measurement.parts):
         return whole
     staged = [(where(part), part.readings, part.staged) for part in measurement.parts if part.staged is not None]

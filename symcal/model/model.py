@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from symcal.errors import InputError
 from symcal.kernels import BatchFunction, batch_function
-from symcal.kernels.path import Kind, chosen_kind
+from symcal.kernels.path import Choice, Kind, choice_in_force, chosen_kind
 from symcal.kinematics import chain, forward, function, pose_of
 from symcal.model.assembled import Assembled, RowKernel, errors_kernel, rows_kernel, slopes_kernel
 from symcal.model.content import Content, NoContentError, content
@@ -29,35 +29,37 @@ Array = NDArray[np.float64]
 class Kernels:
     """What a measurement needs at many postures, each compiled when it is first asked for: an identification needs few.
 
-    residuals: one per observation, see `symcal.model.measurement.Part`.
+    choice: what runs them, see `symcal.kernels.path.chosen_kind`. residuals: one per observation, see
+    `symcal.model.measurement.Part`.
     """
 
     measurement: Measurement
+    choice: Choice = "auto"
     _poses: dict[str, BatchFunction] = field(default_factory=dict, repr=False)
     _accuracy: dict[Kind, BatchFunction | Assembled] = field(default_factory=dict, repr=False)
 
     @cached_property
     def residuals(self) -> tuple[RowKernel, ...]:
-        return tuple(rows_kernel(part) for part in self.measurement.parts)
+        return tuple(rows_kernel(part, self.choice) for part in self.measurement.parts)
 
     def accuracy_for(self, poses: int) -> BatchFunction | Assembled:
         """What is judged, for so many poses: it follows from their number which way is worth it."""
-        kind = chosen_kind("auto", poses)
+        kind = chosen_kind(self.choice, poses)
         if kind not in self._accuracy:
-            self._accuracy[kind] = errors_kernel(self.measurement, poses)
+            self._accuracy[kind] = errors_kernel(self.measurement, poses, self.choice)
         return self._accuracy[kind]
 
     @cached_property
     def jacobian(self) -> BatchFunction | Assembled:
-        return slopes_kernel(self.measurement)
+        return slopes_kernel(self.measurement, self.choice)
 
     @cached_property
     def flange(self) -> BatchFunction:
-        return batch_function(forward(self.measurement.chain), evaluations=0)
+        return batch_function(forward(self.measurement.chain), backend=self.choice, evaluations=0)
 
     @cached_property
     def points(self) -> BatchFunction:
-        return batch_function(self.measurement.points, evaluations=0)
+        return batch_function(self.measurement.points, backend=self.choice, evaluations=0)
 
     def pose(self, station: str) -> BatchFunction:
         """(q, x, frames) -> where a station of the chain is in world, shape (4, 4), mm."""
@@ -65,7 +67,7 @@ class Kernels:
             chain = self.measurement.chain
             state = {"q": chain.q, "x": chain.x, "frames": chain.frames}
             pose = function("pose", state, {"T": pose_of(chain.stations[station])})
-            self._poses[station] = batch_function(pose, evaluations=0)
+            self._poses[station] = batch_function(pose, backend=self.choice, evaluations=0)
         return self._poses[station]
 
 
@@ -172,9 +174,10 @@ _MODELS = 16  # of different content that are kept: an identification with joint
 
 @dataclass(frozen=True, slots=True)
 class _Wanted:
-    """A robot and a task, told apart by what they hold."""
+    """A robot and a task, told apart by what they hold, and what is to run their kernels."""
 
     held: Content
+    choice: Choice
     robot: Robot = field(compare=False, repr=False)
     task: Task = field(compare=False, repr=False)
 
@@ -183,28 +186,28 @@ def build_model(robot: Robot, task: Task) -> Model:
     """The symbolic model of a task; kernels are compiled when they are first asked for.
 
     Models of the same robot and task, by what these hold, share their expressions and kernels within a process, unless
-    `_MODELS` others came in between.
+    `_MODELS` others came in between, or other kernels are asked for.
 
     Raises:
         InputError: names in fix, scales or priors that the model does not have; parts that cannot be estimated
         together.
     """
-    bare = replace(robot, record=None), task.without_data
+    bare, choice = (replace(robot, record=None), task.without_data), choice_in_force()
     try:
         held = content(bare)
     except NoContentError:  # an instrument of one's own that does not say what it holds
-        kernels = _kernels(*bare)
-    else:
-        kernels = _kept(_Wanted(held, *deepcopy(bare)))  # whatever is done with the originals later changes nothing
+        kernels = _kernels(*bare, choice)
+    else:  # copied: whatever is done with the originals later changes nothing
+        kernels = _kept(_Wanted(held, choice, *deepcopy(bare)))
     return Model(task, robot, kernels, nominal_setup(robot, task))
 
 
 @lru_cache(maxsize=_MODELS)
 def _kept(wanted: _Wanted) -> Kernels:
-    return _kernels(wanted.robot, wanted.task)
+    return _kernels(wanted.robot, wanted.task, wanted.choice)
 
 
-def _kernels(robot: Robot, task: Task) -> Kernels:
+def _kernels(robot: Robot, task: Task, choice: Choice) -> Kernels:
     parameters = task.parameters(robot)
     for name in task.fix:
         if name not in parameters.names:
@@ -212,7 +215,7 @@ def _kernels(robot: Robot, task: Task) -> Kernels:
     parameters = parameters.with_scales(task.scales).with_priors(task.priors)
     symbolic = chain(robot, parameters)
     under = chain(robot, parameters, conditions=True) if robot.conditions else symbolic
-    return Kernels(replace(observe(under, *task.observations, values=task.values), chain=symbolic))
+    return Kernels(replace(observe(under, *task.observations, values=task.values), chain=symbolic), choice)
 
 
 def nominal_setup(robot: Robot, task: Task) -> Setup:

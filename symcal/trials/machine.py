@@ -9,13 +9,14 @@ from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Literal
 
 from symcal.kernels import path_in_use
-from symcal.kernels.path import VARIABLE as VARIABLE
+from symcal.kernels.path import Choice
 
-PORTABLE: Literal["portable"] = "portable"
-"""The level of kernels that every machine has, as `VARIABLE` names it."""
+
+def kernels_of(portable: bool) -> Choice:
+    """What runs the kernels of a study: the one level that every machine has, or what is best here."""
+    return "portable" if portable else "auto"
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +41,7 @@ class Machine:
 
 def this_machine(portable: bool = False) -> Machine:
     """What trials in this process are computed with."""
-    path = path_in_use(PORTABLE if portable else "auto")
+    path = path_in_use(kernels_of(portable))
     program = f"symcal {version('symcal')} ({_source()}), scipy {version('scipy')}"
     # fits are done by our own code in C and by LAPACK without
     bits = f"{path.bits}, fits by {'C' if path.backend == 'c' else 'numpy'}"

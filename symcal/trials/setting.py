@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import pickle
 import threading
 from collections import OrderedDict
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -16,12 +13,13 @@ from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
 from symcal.kernels import BatchFunction, batch_function
+from symcal.kernels.path import kernels_by
 from symcal.model.assembled import Assembled, readings_kernel
 from symcal.model.measurement import Measurement
 from symcal.model.model import Model, build_model
 from symcal.planning.area import WorkingArea
 from symcal.trials.description import Cell, Description
-from symcal.trials.machine import PORTABLE, VARIABLE
+from symcal.trials.machine import kernels_of
 from symcal.trials.poses import PoseSource, pose_source
 
 Array = NDArray[np.float64]
@@ -89,7 +87,7 @@ def build_setting(description: Description, task: int) -> Setting:
     Raises:
         RefusedError: its instruments fix no point of the robot, or do not say where the world is.
     """
-    with _level(description.portable):
+    with kernels_by(kernels_of(description.portable)):
         model = build_model(description.robot, description.tasks[task])
         true_model = model
         if description.terms:
@@ -165,19 +163,3 @@ def setting_of(description: Description, task: int) -> Setting:
             while len(_built) > max(_KEPT, len(description.tasks)):
                 _built.popitem(last=False)
         return _built[key]
-
-
-@contextmanager
-def _level(portable: bool) -> Iterator[None]:
-    """Functions that are made meanwhile are of the level that all machines have, if asked for."""
-    before = os.environ.get(VARIABLE)
-    if portable:
-        os.environ[VARIABLE] = PORTABLE
-    try:
-        yield
-    finally:
-        if portable:
-            if before is None:
-                del os.environ[VARIABLE]
-            else:
-                os.environ[VARIABLE] = before

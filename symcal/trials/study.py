@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from symcal.errors import InputError, RefusedError
+from symcal.kernels.path import kernels_by
 from symcal.outputs.names import file_name
 from symcal.runs.folder import require_replaceable, run_folder
 from symcal.trials.description import Description, packed
 from symcal.trials.identify import one_by_one
 from symcal.trials.load import Study, load_study
-from symcal.trials.machine import Machine, this_machine
+from symcal.trials.machine import Machine, kernels_of, this_machine
 from symcal.trials.setting import description_of, setting_of
 from symcal.trials.store import BESIDE, SCHEMA, STATE, Store, opened
 from symcal.trials.worker import Done, Shard
@@ -76,7 +77,8 @@ def run_study(
     """
     execution = execution or Execution(cores())
     progress("reading the study")
-    study = load_study(path, seed=seed, overrides=overrides, portable=execution.portable, progress=progress)
+    with kernels_by(kernels_of(execution.portable)):  # plans and test poses are part of the numbers
+        study = load_study(path, seed=seed, overrides=overrides, portable=execution.portable, progress=progress)
     target = out or Path("reports") / file_name(study.file.name)
     if execution.parquet:
         _insist_on_parquet()

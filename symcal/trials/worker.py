@@ -10,11 +10,12 @@ from functools import cache
 
 from threadpoolctl import ThreadpoolController
 
+from symcal.kernels.path import kernels_by
 from symcal.trials.description import Description
 from symcal.trials.draw import draw
 from symcal.trials.identify import identify, refusal
 from symcal.trials.judge import Result, judge
-from symcal.trials.machine import Machine, this_machine
+from symcal.trials.machine import Machine, kernels_of, this_machine
 from symcal.trials.setting import description_of, setting_of
 
 Shard = tuple[int, int]
@@ -33,7 +34,7 @@ class Done:
 def run_shard(digest: str, data: bytes, shard: Shard) -> Done:
     """Compute some trials; the description is unpacked and its models are built once in a process."""
     description = description_of(digest, data)
-    with _one_thread():
+    with _one_thread(), kernels_by(kernels_of(description.portable)):
         results = run_trials(description, range(*shard))
     return Done(shard, results, this_machine(description.portable))
 

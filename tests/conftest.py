@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import signal
+import sys
 from pathlib import Path
 
 # before NumPy is loaded: matrices here are small, and threads of several workers wait for each other
@@ -11,6 +13,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
+
+from symcal import cli
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -46,3 +50,25 @@ def symcal_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"measured data not found: {folder} does not exist (set SYMCAL_DATA to the folder of the sets)")
     return folder
+
+
+@pytest.fixture
+def symcal(capsys, monkeypatch, tmp_path):
+    """`symcal ARGS` in an empty folder: exit code, standard output, standard error."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
+
+    def call(*arguments: str | Path) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["symcal", *map(str, arguments)])
+        try:
+            cli.main()
+            code = 0
+        except SystemExit as exit_:
+            code = exit_.code if isinstance(exit_.code, int) else int(exit_.code is not None)
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    yield call
+    for number, handler in before.items():
+        signal.signal(number, handler)

@@ -3,37 +3,15 @@
 from __future__ import annotations
 
 import json
-import sys
-from pathlib import Path
 
 import pypdf
 import pytest
 from studies import CONFIGS, write_study
 
-from symcal import cli
 from symcal.errors import InputError, RefusedError
 from symcal.trials.check import check_study
 from symcal.trials.load import load_study
 from symcal.trials.study import Execution, run_study
-
-
-@pytest.fixture
-def symcal(capsys, monkeypatch, tmp_path):
-    """`symcal ARGS` in an empty folder: exit code, standard output, standard error."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
-
-    def call(*arguments: str | Path) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["symcal", *map(str, arguments)])
-        try:
-            cli.main()
-            code = 0
-        except SystemExit as exit_:
-            code = exit_.code if isinstance(exit_.code, int) else int(exit_.code is not None)
-        out, err = capsys.readouterr()
-        return code, out, err
-
-    return call
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import os
 import signal
 import sys
 
@@ -16,6 +17,9 @@ from symcal.cli.plan import plan
 from symcal.cli.stdout import named_stdout, silence
 from symcal.cli.study import study
 from symcal.errors import SymcalError, printable
+
+# Before NumPy is loaded: matrices here are small, and what several threads sum is not the same bits everywhere.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 for command in (
     run,

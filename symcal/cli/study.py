@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from symcal.cli.app import Out, Quiet, Seed, Set
-
-# before NumPy is loaded: sums of small matrices, taken by several threads, would not be the same bits everywhere
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 _INTERRUPTED = 130
 

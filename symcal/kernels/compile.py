@@ -23,7 +23,7 @@ from functools import cache
 from pathlib import Path
 
 from symcal.kernels.compiler import WITHOUT, Compiler, CompilerError, HungError, compile_c, find_compiler
-from symcal.kernels.own_folder import cache_folder, open_own_folder, private_folder, read_own_file
+from symcal.kernels.own_folder import kept_folder, private_folder, read_own_file
 from symcal.outputs.whole_file import flush_path
 
 logger = logging.getLogger(__name__)
@@ -69,7 +69,7 @@ def load_library(source: str, optimisation: str, entry: str, *, portable: bool =
     flags = (optimisation, *FLAGS, *(compiler.portable + PORTABLE if portable else NATIVE))
     parts = [source, *flags, *compiler.command, compiler.version, processor(), platform.platform()]
     key = hashlib.sha256("\0".join(parts).encode(errors="surrogateescape")).hexdigest()[:32]
-    for place in (_kept, private_folder):
+    for place in (kept_folder, private_folder):
         try:
             folder = place()
             if folder is None:
@@ -83,24 +83,6 @@ def load_library(source: str, optimisation: str, entry: str, *, portable: bool =
             logger.info("no kernels are kept in this folder: %s", error)
     _warn_once(f"there is no folder to compile in, neither a cache nor a temporary one; {WITHOUT}")
     return None
-
-
-def _kept() -> Path | None:
-    """The cache, if it is ours alone; asked again for every kernel, since a folder may change."""
-    folder = cache_folder()
-    if folder is None:
-        return None
-    try:
-        open_own_folder(folder)
-    except OSError as error:
-        _inform_once(f"the cache of compiled kernels is not used: {error}")
-        return None
-    return folder
-
-
-@cache
-def _inform_once(text: str) -> None:
-    logger.info(text)
 
 
 @cache

@@ -23,7 +23,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import IO
 
-from symcal.kernels.own_folder import cache_folder, open_own_folder, private_folder
+from symcal.kernels.own_folder import kept_folder, open_own_folder, private_folder
 
 logger = logging.getLogger(__name__)
 
@@ -130,14 +130,7 @@ def _own_cache() -> dict[str, str]:
     Raises:
         OSError: there is no place, not even a temporary one.
     """
-    folder = cache_folder()
-    try:
-        if folder is None:
-            raise OSError
-        open_own_folder(folder)
-    except OSError:
-        folder = private_folder()
-    place = folder / "zig"
+    place = (kept_folder() or private_folder()) / "zig"
     open_own_folder(place)
     place.chmod(0o700)  # Zig makes folders in it as the user's mask has it
     return {"ZIG_GLOBAL_CACHE_DIR": str(place), "ZIG_LOCAL_CACHE_DIR": str(place)}

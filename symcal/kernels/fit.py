@@ -5,19 +5,15 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.kernels.compile import load_library
+from symcal.kernels.compiled import address, entry_of
 from symcal.kernels.fit_source import ENTRY, Layout, fit_source
 from symcal.kernels.instructions import Program
 
 Array = NDArray[np.float64]
-
-_LONG = 3000
-"""More instructions than this would keep a compiler busy for seconds at -O2."""
 
 
 class _Job(ctypes.Structure):
@@ -85,24 +81,18 @@ class FitKernel:
             count,
             z.shape[1],
             n if x.ndim == 2 else 0,
-            *map(_address, (q, x, setup, z)),
-            None if weights is None else _address(weights),
-            *map(_address, (self.prior, self.width)),
+            *map(address, (q, x, setup, z)),
+            None if weights is None else address(weights),
+            *map(address, (self.prior, self.width)),
             unit,
             small,
             nothing,
             evaluations,
-            *map(_address, (found, cost, factor, counts)),
+            *map(address, (found, cost, factor, counts)),
         )
         if self.entry(ctypes.addressof(job)):
             raise MemoryError(f"{z.shape[1]} poses of one problem in each lane")
         return Minima(found, cost, factor, counts)
-
-
-def _address(array: NDArray[Any]) -> int:
-    if array.size and array.flags.writeable:  # five times faster than the other way
-        return ctypes.addressof(ctypes.c_char.from_buffer(array.data))
-    return int(array.__array_interface__["data"][0])
 
 
 def fit_kernel(
@@ -114,10 +104,9 @@ def fit_kernel(
         program, layout, known: see `fit_source`. prior: upper triangular rows of what is known before, shape (k, k).
         width: scales of the damping, shape (k,). portable: see `symcal.kernels.path.path_in_use`.
     """
-    source, short = fit_source(program, layout, known, portable=portable), len(program.instructions) < _LONG
-    library = load_library(source, "-O2" if short else "-O1", ENTRY, portable=portable)
-    if library is None:
+    source = fit_source(program, layout, known, portable=portable)
+    entry = entry_of(source, ENTRY, len(program.instructions), portable=portable)
+    if entry is None:
         return None
-    entry = getattr(library, ENTRY)
     entry.argtypes, entry.restype = [ctypes.c_void_p], ctypes.c_int
     return FitKernel(entry, np.ascontiguousarray(prior), np.ascontiguousarray(width))

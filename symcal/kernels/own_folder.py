@@ -1,8 +1,9 @@
-"""A folder for what will be run as code: used only where nobody but its owner can put anything in."""
+"""Folders for what will be run as code: used only where nobody but their owner can put anything in."""
 
 from __future__ import annotations
 
 import atexit
+import logging
 import os
 import shutil
 import stat
@@ -10,6 +11,8 @@ import sys
 import tempfile
 from functools import cache
 from pathlib import Path
+
+logger = logging.getLogger(__name__)
 
 
 class UnsafeError(OSError):
@@ -35,6 +38,27 @@ def cache_folder() -> Path | None:
     if not home.is_absolute():
         return None
     return home / ("Library/Caches" if sys.platform == "darwin" else ".cache") / "symcal" / "kernels"
+
+
+def kept_folder() -> Path | None:
+    """The cache, made if need be and ours alone; None, said once in the log, where it cannot be used.
+
+    Asked again for everything that is kept there, since a folder may change.
+    """
+    folder = cache_folder()
+    if folder is None:
+        return None
+    try:
+        open_own_folder(folder)
+    except OSError as error:
+        _inform_once(f"the cache of compiled kernels is not used: {error}")
+        return None
+    return folder
+
+
+@cache
+def _inform_once(text: str) -> None:
+    logger.info(text)
 
 
 def open_own_folder(folder: Path) -> None:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.kernels.compiled import address
 from symcal.kernels.instructions import Constant, Load, Operation, Program, Store
 from symcal.kernels.numpy_operations import EXACT, ROUNDED, sincos
 
@@ -72,7 +73,7 @@ def straight_line(program: Program, batched: tuple[bool, ...], *, portable: bool
 def _aligned(rows: int) -> Array:
     """Zeros, shape (rows, BLOCK), every row at the start of a cache line."""
     memory = np.zeros(rows * BLOCK + 8)
-    start = -int(memory.__array_interface__["data"][0]) % 64 // 8
+    start = -address(memory) % 64 // 8
     return memory[start : start + rows * BLOCK].reshape(rows, BLOCK)
 
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from symcal.config.plan import PlanConfig
 from symcal.config.study import StudyConfig, WeightsConfig
+from symcal.outputs.side_by_side import side_by_side
 from symcal.paper.readings import evolve, main_fitness
 from symcal.paper.results import PLAN_NAMES, RandomPlanErrors, Setting, StudyPlan
 from symcal.paper.setting import positions
-from symcal.paper.side_by_side import Goon, side_by_side
 from symcal.planning.certificate import Certificate, certify
 from symcal.planning.constraints import feasible
 from symcal.planning.criteria import criterion
@@ -85,11 +85,11 @@ def study_plans(
 
 
 def _evolved(
-    setting: Setting, fitness: PlanFunction, study: StudyConfig, rng: np.random.Generator, goon: Goon
+    setting: Setting, fitness: PlanFunction, study: StudyConfig, rng: np.random.Generator
 ) -> tuple[Array, Array, float]:
-    """The plan, its history, and the seconds that it took on its thread: another search runs beside it."""
+    """The plan, its history, and the seconds of computing that it took: another search runs beside it."""
     began = time.thread_time()
-    poses, history = evolve(setting, fitness, study.search, study.search.generations, rng, goon)
+    poses, history = evolve(setting, fitness, study.search, study.search.generations, rng)
     return poses, history, time.thread_time() - began
 
 

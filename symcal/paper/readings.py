@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.config.study import SearchConfig
+from symcal.outputs.side_by_side import side_by_side
 from symcal.paper.results import RandomPlanErrors, ReadingResult, Setting, StudyPlan
-from symcal.paper.side_by_side import Goon, side_by_side
 from symcal.planning.certificate import Certificate
 from symcal.planning.criteria import criterion
 from symcal.planning.fitness import PlanFunction, Reading, Weights, paper_fitness, sound_fitness
@@ -95,10 +95,10 @@ def readings(
     fitnesses = [_fitness(setting, weights, way) for way in ways]
     known = plans["paper_ga"].poses, plans["paper_ga"].history
 
-    def searched(k: int, own: np.random.Generator, goon: Goon) -> tuple[Array, Array]:
+    def searched(k: int, own: np.random.Generator) -> tuple[Array, Array]:
         if ways[k].key == "main" and known[1] is not None:
             return known[0], known[1]
-        return evolve(setting, fitnesses[k], search, search.side_generations, own, goon)
+        return evolve(setting, fitnesses[k], search, search.side_generations, own)
 
     results = side_by_side([partial(searched, k, own) for k, own in enumerate(rng.spawn(len(ways)))])
     found = []
@@ -131,7 +131,6 @@ def evolve(
     search: SearchConfig,
     generations: int,
     rng: np.random.Generator,
-    goon: Goon = lambda: None,
 ) -> tuple[Array, Array]:
     """The genetic algorithm with a fitness: the best plan, shape (N, dof), and its history."""
     info = setting.info
@@ -139,7 +138,7 @@ def evolve(
     result = genetic_plan(
         task,
         rng,
-        lambda _: goon(),
+        lambda _: None,
         fitness=fitness,
         coding=search.coding,
         bits=search.bits,

@@ -14,7 +14,7 @@ import symcal as sc
 from symcal.fit.many import ManyFits, fit_many
 from symcal.fit.many_system import system_of
 from symcal.kernels import compile
-from symcal.kernels.fit_source import Given, Layout, fit_source
+from symcal.kernels.fit_source import ENTRY, Given, Layout, fit_source
 from symcal.kernels.path import Choice, kernels_by
 from symcal.model.model import Model, build_model
 from symcal.model.task import Task
@@ -90,13 +90,14 @@ def test_portable_bits_are_those_of_any_compiler(
     asked = []
 
     def load(source: str, _: str, entry: str, *, portable: bool) -> object:
-        asked.append(portable)
+        asked.append((entry, portable))
         return compile.load_library(source, optimisation, entry, portable=portable)
 
     monkeypatch.setattr(compile, "find_compiler", lambda: compiler)
-    monkeypatch.setattr("symcal.kernels.fit.load_library", load)
+    monkeypatch.setattr("symcal.kernels.compiled.load_library", load)
     assert same(fit_many(model_of("portable"), q, z, SIGMA), wanted)
-    assert asked == [True]
+    assert (ENTRY, True) in asked
+    assert all(portable for _, portable in asked)
 
 
 @needs_compiler
@@ -104,10 +105,12 @@ def test_portable_bits_are_those_of_any_compiler(
 def test_what_is_asked_for_runs(choice: Choice, monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator) -> None:
     """Whatever ran before; and the portable minimum is that of every other way."""
     compiled = []
-    monkeypatch.setattr(
-        "symcal.kernels.fit.load_library",
-        lambda *given, portable: compiled.append(portable) or compile.load_library(*given, portable=portable),
-    )
+
+    def load(source: str, optimisation: str, entry: str, *, portable: bool) -> object:
+        compiled.extend([portable] if entry == ENTRY else [])
+        return compile.load_library(source, optimisation, entry, portable=portable)
+
+    monkeypatch.setattr("symcal.kernels.compiled.load_library", load)
     q, z = measured(rng)
     portable = fit_many(model_of("portable"), q, z, SIGMA)
     found = fit_many(model_of(choice), q, z, SIGMA)

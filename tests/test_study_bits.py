@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import signal
 import sqlite3
+import sys
 import time
 from itertools import pairwise
 from pathlib import Path
@@ -26,7 +28,7 @@ from symcal.trials.machine import Machine, this_machine
 from symcal.trials.setting import description_of
 from symcal.trials.store import STATE
 from symcal.trials.study import Execution, Interrupted, run_study
-from symcal.trials.worker import run_trials
+from symcal.trials.worker import run_shard, run_trials
 
 
 def table(study: Path, out: Path, execution: Execution) -> bytes:
@@ -236,6 +238,27 @@ def test_what_is_somebody_elses_is_kept(small, tmp_path):
         connection.execute("CREATE TABLE addresses (name TEXT)")
     with pytest.raises(InputError, match="no state of a study"):
         run_study(small / "study.yaml", out, execution=Execution(1))
+    assert [path.name for path in out.iterdir()] == [STATE]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="workers are copies of this process on Linux only")
+@pytest.mark.parametrize("after", [0, 1])
+def test_a_dead_worker_is_one_sentence(small, monkeypatch, after):
+    """Killed at its first shard, or while it has been given one and more wait for it; what was done is kept."""
+    here, done = os.getpid(), []
+
+    def dying(digest, data, shard):
+        if os.getpid() != here and len(done) >= after:
+            os.kill(os.getpid(), signal.SIGKILL)
+        done.append(shard)
+        return run_shard(digest, data, shard)
+
+    monkeypatch.setattr("symcal.trials.local.run_shard", dying)
+    out = small / f"dead{after}"
+    with pytest.raises(RefusedError, match=r"a worker of the study died.*the same command goes on"):
+        run_study(small / "study.yaml", out, execution=Execution(2, shard=5))
+    monkeypatch.undo()
+    assert table(small / "study.yaml", out, Execution(1)) == (small / "one/trials.csv").read_bytes()
 
 
 def test_orphans_end(small):

@@ -30,6 +30,12 @@ from symcal.trials.study import Execution, run_study
         ("poses: [12, 20]", "noise: {postion: 0.1}", "vary.noise.postion", "not one of the allowed values"),
         ("poses: [12, 20]", "noise: {position: 0}", "vary.noise.position", "must be greater than 0"),
         ("poses: [12, 20]", "noise: {distance: 0.1, position: .nan}", "vary.noise.position", "NaN"),
+        (
+            "poses: [12, 20]",
+            "noise: {distance: [0.1, 0.2]}",
+            "vary.noise.distance",
+            "no instrument of the experiment reads",
+        ),
         ("poses: [12, 20]", "instruments: [[wire]]", "vary.instruments[0]", "no such instrument (found: wire)"),
         ("[fixed, drawn]", "[fixed, random]", "vary.errors[1]", "allowed: fixed, drawn"),
         ("{test_poses: 50}", "{test_poses: 0}", "judge.test_poses", "must be at least 1"),
@@ -68,6 +74,16 @@ def test_a_plan_file_must_have_the_poses(tmp_path):
         (None, 40),
     ]
     assert [len(plan) for plan in study.description.plans] == [40]
+
+
+def test_test_poses_are_not_measured_without_noise(tmp_path):
+    text = (CONFIGS / "simulated_arm.yaml").read_text().replace("robots/", f"{CONFIGS}/robots/")
+    (tmp_path / "exact.yaml").write_text(text.replace("noise: {distribution: uniform, position: 0.1}", "noise: {}"))
+    judge, told = "{test_poses: 20, against: measurement}", "{noise: estimated}"
+    study = write_study(tmp_path, judge=judge, identification=told, experiment=tmp_path / "exact.yaml")
+    with pytest.raises(InputError, match="no noise of positions is stated") as caught:
+        load_study(study)
+    assert caught.value.key == "judge.against"
 
 
 def test_extensions_are_not_repeated(tmp_path):

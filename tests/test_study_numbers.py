@@ -13,10 +13,11 @@ from studies import write_study
 
 from symcal.calibration.calibrate import calibrate
 from symcal.calibration.simulate import simulate
+from symcal.config.trials import MOST_TRIALS
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Options
 from symcal.model.model import build_model
-from symcal.trials.description import Description, packed
+from symcal.trials.description import Description, packed, shared_generator
 from symcal.trials.draw import draw
 from symcal.trials.identify import one_by_one
 from symcal.trials.load import load_study
@@ -53,6 +54,31 @@ def test_each_trial_draws_from_its_own_stream(tmp_path):
         np.testing.assert_array_equal(drawn.truth[i, : len(errors)], errors)
         np.testing.assert_array_equal(drawn.poses(i), q)
         np.testing.assert_allclose(drawn.z[i], data.z, rtol=0, atol=1e-10)
+
+
+def test_plans_test_poses_and_trials_share_no_stream(tmp_path, monkeypatch):
+    """What a plan draws comes from a stream that neither a trial has, nor the test poses, nor a child of these."""
+    streams = []
+
+    class Planned(Exception):
+        pass
+
+    def find_plan(_problem, _wanted, rng, _progress):
+        streams.append(rng.bit_generator.seed_seq)
+        raise Planned
+
+    monkeypatch.setattr("symcal.planning.drive_plan.find_plan", find_plan)
+    with pytest.raises(Planned):
+        load_study(write_study(tmp_path, vary="{plan: certified, poses: 20}"))
+    description, _ = loaded(write_study(tmp_path, vary=FIXED))
+    others = [description.generator(trial) for trial in range(40)]
+    others += [shared_generator(5, purpose) for purpose in ("truth", "test")]
+    assert description.trials < MOST_TRIALS < 2**31
+    first = {int(np.random.default_rng(child).integers(2**63)) for child in [*streams, *streams[0].spawn(20)]}
+    assert len(first) == 21
+    for rng in others:
+        drawn = {int(own.integers(2**63)) for own in [*rng.spawn(20), rng]}
+        assert not first & drawn
 
 
 def test_trials_are_what_scipy_finds(tmp_path):

@@ -41,6 +41,10 @@ class Noise:
         """Standard deviation of this size."""
         return size / np.sqrt(3) if self.distribution == "uniform" else size
 
+    def size(self, observation: str, quantity: str) -> float:
+        """Of one quantity of an observation; 0 where nothing is said."""
+        return self.by_instrument.get(observation, {}).get(quantity, self.sizes.get(quantity, 0.0))
+
     def draw(self, size: float, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
         if self.distribution == "uniform":
             return np.asarray(rng.uniform(-size, size, shape))
@@ -48,8 +52,7 @@ class Noise:
 
     def of(self, observation: str, quantities: Iterable[str], rng: np.random.Generator) -> dict[str, Draw]:
         """What draws the noise of each quantity of an observation."""
-        own = {**self.sizes, **self.by_instrument.get(observation, {})}
-        return {name: partial(self._drawn, own.get(name, 0.0), rng) for name in quantities}
+        return {name: partial(self._drawn, self.size(observation, name), rng) for name in quantities}
 
     def _drawn(self, size: float, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
         return self.draw(size, shape, rng)

@@ -41,6 +41,11 @@ class Cell:
     noise: Noise
     shown: Mapping[str, object]
 
+    @property
+    def position_noise(self) -> float:
+        """Of the first instrument that has any, mm; 0 without."""
+        return next((size for name in self.instruments if (size := self.noise.size(name, "position"))), 0.0)
+
 
 @dataclass(frozen=True, slots=True)
 class Description:
@@ -86,12 +91,13 @@ class Description:
 
 
 Shared = Literal["truth", "test", "plans"]
-_SHARED: dict[Shared, int] = {"truth": 0, "test": 1, "plans": 2}
+_SHARED: dict[Shared, int] = {"truth": 2**31, "test": 2**31 + 1, "plans": 2**31 + 2}
 
 
 def shared_generator(seed: int, purpose: Shared) -> np.random.Generator:
-    """Randomness that all trials share; its keys have two numbers, so that no trial has the same stream."""
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_SHARED[purpose], 0)))
+    """Randomness that all trials share; its keys are beyond the number of any trial, so that none has the same stream,
+    nor have streams that are spawned from these."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_SHARED[purpose],)))
 
 
 def packed(description: Description) -> tuple[str, bytes]:

@@ -22,7 +22,7 @@ _CHUNK = 100_000  # rows that are held at once
 
 def header(description: Description) -> list[str]:
     """Columns: the trial, its cell, the cell's values, then the numbers with their unit."""
-    numbers = [f"{name}_mm" if name in _LENGTHS else name for name in COLUMNS[2:]]
+    numbers = [f"{name}_mm" if name in _LENGTHS else name for name in list(COLUMNS)[2:]]
     return ["trial", "cell", *description.cells[0].shown, *numbers]
 
 
@@ -46,9 +46,10 @@ def write_parquet(path: Path, description: Description, store: Store, machine: M
     import pyarrow.parquet as pq
 
     names = header(description)
-    text = {"plan", "errors", "instruments", "status", "reason", "intervals"}
-    whole = {"trial", "cell", "poses", "rank", "iterations"}
-    fields = [(name, pa.string() if name in text else pa.int64() if name in whole else pa.float64()) for name in names]
+    first, second, *own = COLUMNS.values()
+    kinds = [first, second, *(type(value) for value in description.cells[0].shown.values()), *own]
+    types = {int: pa.int64(), float: pa.float64(), str: pa.string()}
+    fields = [(name, types[kind]) for name, kind in zip(names, kinds, strict=True)]
     schema = pa.schema(fields, metadata={f"symcal.{key}": value for key, value in machine.facts().items()})
     found = rows(description, store)
     with pq.ParquetWriter(path, schema) as writer:

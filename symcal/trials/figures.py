@@ -26,8 +26,8 @@ from symcal.plots.style import (
     settle,
     sheet,
 )
-from symcal.trials.need import OF, label, said
-from symcal.trials.statistics import SHOWN, Share
+from symcal.trials.need import OF, groups, judged_words, label, words
+from symcal.trials.statistics import SHOWN, Share, judged_column, judged_values, pooled, quantile
 from symcal.trials.store import Store
 from symcal.words import number, plural, symbol
 
@@ -52,31 +52,26 @@ def _spread(count: int, most: int) -> list[int]:
     return sorted(set(np.linspace(0, count - 1, min(count, most)).round().astype(int).tolist()))
 
 
-def _name(content: Content) -> str:
-    question = content["question"]
-    against = " against measurement" if question["against"] == "measurement" else ""
-    return f"{OF[question['of']]}{against}"
-
-
 def _column(content: Content) -> str:
-    question = content["question"]
-    return str(question["of"]) if question["against"] == "truth" else f"measured_{question['of']}"
+    return judged_column(content["question"]["of"], content["question"]["against"])
 
 
 def error_figure(content: Content, store: Store) -> Illustration:
     """Distribution of the judged error over trials, and quantiles of every cell."""
-    cells, tolerance = content["cells"], content["question"]["tolerance_mm"]
-    column, chosen = _column(content), _spread(len(content["cells"]), MOST)
+    cells, question = content["cells"], content["question"]
+    tolerance, name = question["tolerance_mm"], judged_words(question)
+    chosen, repetitions = _spread(len(cells), MOST), content["repetitions"]
     with print_settings():
         listed = [cells[i] for i in _spread(len(cells), _ROWS)]
         figure = sheet(WIDE, max(58.0, 34.0 + 4.2 * len(listed)))
         left, right = figure.subplots(1, 2)
         for k, i in enumerate(chosen):
-            values = np.sort(store.numbers(cells[i]["cell"], column)[column])
-            share = 100 * np.arange(1, len(values) + 1) / content["repetitions"]
-            words = escaped(label(cells[i], content["varied"]))
-            left.step(values, share, where="post", color=_COLORS[k], linestyle=_LINES[k], label=words)
-        left.set(xlabel=f"{_name(content)} of a trial / mm", ylabel="trials below / %", ylim=(0, 103))
+            values = judged_values(store, cells[i]["cell"], _column(content), repetitions)
+            finite = values[np.isfinite(values)]
+            share = 100 * np.arange(1, len(finite) + 1) / repetitions
+            look = {"color": _COLORS[k], "linestyle": _LINES[k], "label": escaped(label(cells[i], content["varied"]))}
+            left.step(finite, share, where="post", **look)
+        left.set(xlabel=f"{name} of a trial / mm", ylabel="trials below / %", ylim=(0, 103))
         left.set_xlim(left=0)
         grid(left)
         if len(chosen) > 1:
@@ -87,10 +82,9 @@ def error_figure(content: Content, store: Store) -> Illustration:
                 panel.axvline(tolerance, color=INK, linewidth=1.0, linestyle=(0, (6, 2)))
     of = "" if len(chosen) == len(cells) else f" of {len(chosen)} of {len(cells)} cells"
     caption = (
-        f"The {_name(content)} at {content['question']['test_poses']} test poses, in "
-        f"{plural(content['repetitions'], 'trial')} of each cell: share of the trials below{of} (left); median, the "
-        "middle half and 5 to 95 % of the trials (right), the fine bars with the 95 % confidence bounds of the outer "
-        "two and of the median."
+        f"The {name} at {question['test_poses']} test poses, in {plural(repetitions, 'trial')} of each cell: share of "
+        f"the trials below{of} (left); median, the middle half and 5 to 95 % of the trials (right), the fine bars with "
+        "the 95 % confidence bounds of the outer two and of the median."
     )
     if tolerance is not None:
         caption += f" The dashed line is the tolerance, {tolerance:g} mm."
@@ -118,7 +112,7 @@ def _boxes(axes: Axes, cells: Sequence[Content], content: Content) -> None:
     room = max(0, 4 - len(cells)) / 2  # a single row is no tall bar
     axes.set_ylim(len(cells) - 0.4 + room, -0.6 - room)
     axes.set_xlim(left=0)
-    axes.set_xlabel(f"{_name(content)} of a trial / mm")
+    axes.set_xlabel(f"{judged_words(content['question'])} of a trial / mm")
     grid(axes, "x")
 
 
@@ -128,19 +122,16 @@ def need_figure(content: Content, store: Store) -> Illustration:
     if axis is None:
         return _quantile_figure(content, store)
     question, cells = content["question"], content["cells"]
-    others = [name for name in content["varied"] if name != axis]
-    groups: dict[tuple[Any, ...], list[Content]] = {}
-    for cell in cells:
-        groups.setdefault(tuple(cell["shown"][name] for name in others), []).append(cell)
-    keys = [list(groups)[i] for i in _spread(len(groups), MOST)]
-    tolerance = question["tolerance_mm"]
+    others = [other for other in content["varied"] if other != axis]
+    whole = groups(cells, others)
+    shown = [sorted(whole[i], key=lambda cell: cell["shown"][axis]) for i in _spread(len(whole), MOST)]
+    tolerance, name = question["tolerance_mm"], judged_words(question)
     with print_settings():
         figure = sheet(WIDE, 66)
         left, right = figure.subplots(1, 2)
-        for k, key in enumerate(keys):
-            own = sorted(groups[key], key=lambda cell: cell["shown"][axis])
-            words = escaped(", ".join(said(name, value) for name, value in zip(others, key, strict=True)))
-            look: dict[str, Any] = {"color": _COLORS[k], "linestyle": _LINES[k], "marker": _MARKERS[k], "label": words}
+        for k, own in enumerate(shown):
+            look: dict[str, Any] = {"color": _COLORS[k], "linestyle": _LINES[k], "marker": _MARKERS[k]}
+            look |= {"label": escaped(words(own[0], others))}
             _bars(left, own, axis, "at_share", look)
             if tolerance is None:
                 _bars(right, own, axis, "median", look)
@@ -149,9 +140,9 @@ def need_figure(content: Content, store: Store) -> Illustration:
                 held = np.array([[cell["within"][b] for b in ("share", "low", "high")] for cell in own]).T * 100
                 right.errorbar(x, held[0], [held[0] - held[1], held[2] - held[0]], capsize=1.5, **look)
         share = f"{100 * question['share']:g}"
-        words = _axis_words(axis)
-        left.set(xlabel=words, ylabel=f"{share} % of the trials are below / mm", ylim=(0, None))
-        right.set(xlabel=words)
+        varied = _axis_words(axis)
+        left.set(xlabel=varied, ylabel=f"{share} % of the trials are below / mm", ylim=(0, None))
+        right.set(xlabel=varied)
         if tolerance is None:
             right.set(ylabel="median / mm", ylim=(0, None))
         else:
@@ -160,15 +151,22 @@ def need_figure(content: Content, store: Store) -> Illustration:
             right.axhline(100 * question["share"], color=INK, linewidth=1.0, linestyle=(0, (6, 2)))
         for panel in (left, right):
             grid(panel)
-        if len(keys) > 1:
-            figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=min(len(keys), 3))
+        if len(shown) > 1:
+            figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=min(len(shown), 3))
     dashed = "" if tolerance is None else f" Dashed: the tolerance, {tolerance:g} mm, and {share} % of the trials."
     second = "the median" if tolerance is None else "the share of the trials within the tolerance"
     caption = (
-        f"The {_name(content)} that {share} % of the trials stay below, by {words} (left), and {second} (right); bars "
-        f"are 95 % confidence intervals.{dashed} " + " ".join(f"{answer['text']}." for answer in content["answers"][:2])
+        f"The {name} that {share} % of the trials stay below, by {varied} (left), and {second} (right); bars "
+        f"are 95 % confidence intervals{_unbounded(cells)}.{dashed} "
+        + " ".join(f"{answer['text']}." for answer in content["answers"][:2])
     )
-    return Illustration(settle(figure), "need", f"What {words} bring".replace("number of ", ""), caption)
+    return Illustration(settle(figure), "need", f"The error by {varied}", caption)
+
+
+def _unbounded(cells: Sequence[Content]) -> str:
+    """What to say of bars that end at their value, because so few trials bound it from below only."""
+    open_ = any((at := cell["judged_mm"]["at_share"])["high"] is None and at["value"] is not None for cell in cells)
+    return ", without an upper end where the trials bound none" if open_ else ""
 
 
 def _is_number(content: Content, axis: str) -> bool:
@@ -186,35 +184,34 @@ def _bars(axes: Axes, cells: Sequence[Content], axis: str, name: str, look: Mapp
     own = [cell for cell in cells if cell["judged_mm"][name]["value"] is not None]
     value = np.array([cell["judged_mm"][name]["value"] for cell in own])
     low = np.array([cell["judged_mm"][name]["low"] for cell in own])
-    high = np.array([cell["judged_mm"][name]["high"] or cell["judged_mm"][name]["value"] for cell in own])
+    ends = [cell["judged_mm"][name]["high"] for cell in own]
+    high = np.array([at if end is None else end for at, end in zip(value, ends, strict=True)])
     x = [cell["shown"][axis] for cell in own]
     axes.errorbar(x, value, [value - low, high - value], capsize=1.5, **look)
 
 
 def _quantile_figure(content: Content, store: Store) -> Illustration:
     """Quantiles of the four figures of a trial, where nothing varies that is a number."""
-    from symcal.trials.statistics import quantile
-
     cells = [content["cells"][i] for i in _spread(len(content["cells"]), MOST)]
     shares = np.array([0.01, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99])
-    column = _column(content)
+    name = judged_words(content["question"])
     with print_settings():
         figure = sheet(WIDE, 60)
         left, right = figure.subplots(1, 2)
         for k, cell in enumerate(cells):
-            values = np.sort(store.numbers(cell["cell"], column)[column])
-            found = [quantile(values, share) for share in shares]
-            at = np.array([each.value for each in found])
-            ends = np.array([[each.low, min(each.high, values[-1] if len(values) else 0)] for each in found])
+            values = judged_values(store, cell["cell"], _column(content), content["repetitions"])
+            found = [(share, each) for share in shares if np.isfinite((each := quantile(values, share)).value)]
+            at = np.array([each.value for _, each in found])
+            low = np.array([each.low for _, each in found])
+            high = np.array([each.high if np.isfinite(each.high) else each.value for _, each in found])
             look: dict[str, Any] = {"color": _COLORS[k], "linestyle": _LINES[k], "marker": _MARKERS[k]}
-            words = escaped(label(cell, content["varied"]))
-            left.errorbar(100 * shares, at, [at - ends[:, 0], ends[:, 1] - at], capsize=1.5, label=words, **look)
+            look |= {"label": escaped(label(cell, content["varied"]))}
+            left.errorbar([100 * share for share, _ in found], at, [at - low, high - at], capsize=1.5, **look)
         first = store.numbers(cells[0]["cell"], *OF)
-        for k, (of, words) in enumerate(OF.items()):
-            right.hist(
-                first[of], bins=40, histtype="step", color=_COLORS[k], linestyle=_LINES[k], label=words, linewidth=1.1
-            )
-        left.set(xlabel="share of the trials / %", ylabel=f"{_name(content)} below / mm", ylim=(0, None))
+        for k, (of, kind) in enumerate(OF.items()):
+            look = {"color": _COLORS[k], "linestyle": _LINES[k], "linewidth": 1.1}
+            right.hist(first[of], bins=40, histtype="step", label=kind, **look)
+        left.set(xlabel="share of the trials / %", ylabel=f"{name} below / mm", ylim=(0, None))
         right.set(xlabel="error of a trial / mm", ylabel="trials", xlim=(0, None))
         right.legend(fontsize=5.5)
         if len(cells) > 1:
@@ -223,9 +220,9 @@ def _quantile_figure(content: Content, store: Store) -> Illustration:
             grid(panel)
     of = "" if len(content["cells"]) == 1 else f", {label(cells[0], content['varied'])}"
     caption = (
-        f"The {_name(content)} that a share of the trials stay below, with 95 % confidence intervals (left); how the "
-        f"mean, rms, 95th percentile and largest error of a trial are distributed{of} (right). "
-        f"{content['answers'][0]['text']}."
+        f"The {name} that a share of the trials stay below, with 95 % confidence intervals, without an upper end where "
+        "the trials bound none (left); how the mean, rms, 95th percentile and largest error of a trial are "
+        f"distributed{of} (right). {content['answers'][0]['text']}."
     )
     return Illustration(settle(figure), "need", "Quantiles of the error", caption)
 
@@ -234,10 +231,10 @@ def coverage_figure(content: Content) -> Illustration:
     """Whether stated 95 % intervals hold the truth in 95 % of the trials, and foretold errors are those found."""
     cells = [cell for cell in content["cells"] if cell["coverage"]]
     names = list(dict.fromkeys(name for cell in cells for name in cell["coverage"]["parameters"]))
-    entries: list[tuple[str, Share, bool]] = [("position", _pooled([c["coverage"]["position"] for c in cells]), True)]
+    entries: list[tuple[str, Share, bool]] = [("position", pooled([c["coverage"]["position"] for c in cells]), True)]
     for name in names:
         own = [c["coverage"]["parameters"][name] for c in cells if name in c["coverage"]["parameters"]]
-        told, untold = _pooled([o["held"] for o in own]), _pooled([o["held_untold"] for o in own])
+        told, untold = pooled([o["held"] for o in own]), pooled([o["held_untold"] for o in own])
         entries.append((name, told if told.of >= untold.of else untold, told.of >= untold.of))
     with print_settings():
         figure = sheet(WIDE, 62)
@@ -271,10 +268,6 @@ def coverage_figure(content: Content) -> Illustration:
     return Illustration(settle(figure), "coverage", "Whether the stated uncertainties hold", caption)
 
 
-def _pooled(shares: Sequence[Mapping[str, Any]]) -> Share:
-    return Share(sum(s["count"] for s in shares), sum(s["of"] for s in shares))
-
-
 def _ratios(axes: Axes, cells: Sequence[Content]) -> None:
     """Found over foretold rms of every cell."""
     axes.axhline(1, color=INK, linewidth=0.8, linestyle="--")
@@ -286,5 +279,5 @@ def _ratios(axes: Axes, cells: Sequence[Content]) -> None:
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, 0.9), max(high, 1.1))
     axes.set_xlim(cells[0]["cell"] - 0.6 if cells else -0.6, cells[-1]["cell"] + 0.6 if cells else 0.6)
-    axes.xaxis.set_major_locator(MaxNLocator(nbins=8, integer=True))
+    axes.xaxis.set_major_locator(MaxNLocator(nbins=8, integer=True, min_n_ticks=1))
     grid(axes)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,7 +31,7 @@ class Estimate:
     x: errors, shape (n,), in the model's setup or that of the fit. free: indices of the parameters that were found.
     covariance: of these, (n', n'); root: a square root of it. half_widths: of the stated 95 % intervals, (n',).
     assumed: standard deviations before the data, (n',). posterior: where noise or sizes were estimated too, whose
-    intervals are wider; root is then not needed. refused: why there is none. trouble: why it must not be used.
+    intervals are wider; root is then not needed. trouble: why it must not be used.
     """
 
     x: Array
@@ -46,8 +45,11 @@ class Estimate:
     setup: Array
     root: Array
     posterior: Posterior | None = None
-    refused: str = ""
     trouble: str = ""
+
+
+Refusal = str
+"""Why there is no estimate of a trial."""
 
 
 def one_by_one(description: Description, setting: Setting) -> str:
@@ -65,21 +67,15 @@ def one_by_one(description: Description, setting: Setting) -> str:
     return ", ".join(reason for reason, true in reasons.items() if true)
 
 
-def identify(
-    description: Description, setting: Setting, cell: Cell, drawn: Drawn, refused: Mapping[int, str]
-) -> list[Estimate | None]:
-    """An estimate for every trial; None for those that are refused already."""
-    wanted = [i for i in range(len(drawn.z)) if i not in refused]
-    found: list[Estimate | None] = [None] * len(drawn.z)
-    if not wanted:
-        return found
+def identify(description: Description, setting: Setting, cell: Cell, drawn: Drawn) -> list[Estimate | Refusal]:
+    """An estimate for every trial, or why it is refused."""
+    wanted = [i for i in range(len(drawn.z)) if i not in drawn.refused]
+    found: dict[int, Estimate | Refusal] = dict(drawn.refused)
     if one_by_one(description, setting):
-        for i in wanted:
-            found[i] = _calibrated(description, setting, cell, drawn, i)
-        return found
-    for i, estimate in zip(wanted, _at_once(setting, cell, drawn, wanted), strict=True):
-        found[i] = estimate
-    return found
+        found |= {i: _calibrated(description, setting, cell, drawn, i) for i in wanted}
+    elif wanted:
+        found |= zip(wanted, _at_once(setting, cell, drawn, wanted), strict=True)
+    return [found[i] for i in range(len(drawn.z))]
 
 
 def _at_once(setting: Setting, cell: Cell, drawn: Drawn, wanted: list[int]) -> list[Estimate]:
@@ -119,7 +115,7 @@ def _dataset(model: Model, q: Array, z: Array) -> Dataset:
     )
 
 
-def refusal(description: Description, setting: Setting, cell: Cell) -> str:
+def refusal(description: Description, setting: Setting, cell: Cell) -> Refusal:
     """Why no trial of a cell can be identified, by the poses of its first one; empty if they can.
 
     The whole identification of one trial finds that out by itself.
@@ -136,20 +132,16 @@ def refusal(description: Description, setting: Setting, cell: Cell) -> str:
     return ""
 
 
-def _calibrated(description: Description, setting: Setting, cell: Cell, drawn: Drawn, i: int) -> Estimate:
+def _calibrated(description: Description, setting: Setting, cell: Cell, drawn: Drawn, i: int) -> Estimate | Refusal:
     """One trial, as `symcal identify` identifies; without its search for mistakes between robot and data."""
     from symcal.calibration.calibrate import calibrate
 
     model = setting.model
     options = replace(description.options, sigma=setting.sigma(cell) if description.told else {})
-    nothing = np.zeros(0)
     try:
         found = calibrate(model, None, _dataset(model, drawn.poses(i), drawn.z[i]), options, ())
     except RefusedError as error:
-        none = np.zeros((0, 0))
-        return Estimate(
-            nothing, np.zeros(0, dtype=np.intp), none, nothing, nothing, 0, 0, np.nan, nothing, none, refused=str(error)
-        )
+        return str(error)
     after = found.after
     return Estimate(
         after.x,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from symcal.trials.description import Cell, Description
 from symcal.trials.draw import Drawn
-from symcal.trials.identify import NORMAL_95, Estimate
+from symcal.trials.identify import NORMAL_95, Estimate, Refusal
 from symcal.trials.setting import Setting
 from symcal.words import MOSTLY
 
@@ -57,7 +57,10 @@ class Result:
     intervals: str | None = None
 
 
-COLUMNS = tuple(field.name for field in fields(Result))
+COLUMNS: dict[str, type[int | float | str]] = {
+    field.name: {"int": int, "float": float, "str": str}[str(field.type).partition(" ")[0]] for field in fields(Result)
+}
+"""What is kept of a trial, by name."""
 
 
 def judge(
@@ -66,18 +69,15 @@ def judge(
     cell: Cell,
     trials: list[int],
     drawn: Drawn,
-    estimates: list[Estimate | None],
-    refused: dict[int, str],
+    estimates: list[Estimate | Refusal],
 ) -> list[Result]:
     """The results of some trials of one cell, in their order."""
     at, before = np.empty(0), 0.0
     known: Array | None = None  # true errors whose positions these are: computed once where they do not change
     out = []
     for i, (trial, estimate) in enumerate(zip(trials, estimates, strict=True)):
-        if estimate is None:
-            out.append(Result(trial, cell.number, REFUSED, refused[i]))
-        elif estimate.refused:
-            out.append(Result(trial, cell.number, REFUSED, estimate.refused))
+        if isinstance(estimate, str):
+            out.append(Result(trial, cell.number, REFUSED, estimate))
         elif not np.isfinite(estimate.x).all():
             out.append(Result(trial, cell.number, FAILED, "the identification gave no finite number"))
         else:
@@ -104,7 +104,7 @@ def _judged(
     off = setting.held_out(description.test, estimate.x, estimate.setup)[0] - true
     errors = dict(zip(("mean", "rms", "p95", "max"), _statistics(off), strict=True))
     if description.measured:
-        seen = _statistics(off - _noise(cell, off.shape, drawn.generators[i]))
+        seen = _statistics(off - cell.noise.draw(cell.position_noise, off.shape, drawn.generators[i]))
         errors |= dict(zip(("measured_mean", "measured_rms", "measured_p95", "measured_max"), seen, strict=True))
     foretold, found, probe = _foretold(description, setting, estimate, off, trial)
     return Result(
@@ -144,17 +144,6 @@ def _statistics(off: Array) -> tuple[float, float, float, float]:
     return float(total / count), float(np.sqrt(total_squares / count)), float(p95), float(lengths[-1])
 
 
-def _noise(cell: Cell, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
-    """Noise of positions that the test poses are measured with."""
-    return cell.noise.draw(position_noise(cell), shape, rng)
-
-
-def position_noise(cell: Cell) -> float:
-    """Of positions, as the first instrument that has such noise states it; 0 without."""
-    own = [cell.noise.by_instrument.get(name, {}).get("position", 0.0) for name in cell.instruments]
-    return cell.noise.sizes.get("position", 0.0) or next((size for size in own if size), 0.0)
-
-
 def _foretold(
     description: Description, setting: Setting, estimate: Estimate, off: Array, trial: int
 ) -> tuple[float, float, float]:
@@ -179,7 +168,9 @@ def _foretold(
         spread = slopes.reshape(off.size, -1) @ estimate.root
         own = spread[pose * off.shape[1] + component]
         variance, half = np.vdot(spread, spread), NORMAL_95 * float(np.sqrt(np.vdot(own, own)))
-    return float(np.sqrt(variance / points)), found, float(off[pose, component] / half) if half > 0 else 0.0
+    error = float(off[pose, component])
+    probe = error / half if half > 0 else np.copysign(np.inf, error) if error else 0.0
+    return float(np.sqrt(variance / points)), found, probe
 
 
 _LETTERS = np.array(["o", "i", "O", "I"])

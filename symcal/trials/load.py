@@ -99,6 +99,7 @@ def load_study(
         raise document.error(message, ("experiment",), found=found)
     _refuse_extensions(own, document)
     entries = tuple(dict.fromkeys(o.of for o in model.task.observations))
+    _insist_on_quantities(file, document, model)
     grid = axes(file, document, own, entries)
     sets: list[tuple[str, ...]] = grid["instruments"]
     models = [_model(experiment, document, names, entries) for names in sets]
@@ -152,6 +153,15 @@ def _refuse_extensions(own: ExperimentFile, document: Document) -> None:
                 "repeat: leave it out; joint terms that the true robot has may stand in its 'data.truth.errors'"
             )
             raise document.error(message, ("experiment",))
+
+
+def _insist_on_quantities(file: StudyFile, document: Document, model: Model) -> None:
+    """A grid over noise that nothing has would repeat its cells."""
+    read = tuple(dict.fromkeys(group.quantity for group in model.measurement.groups))
+    for quantity in file.vary.noise:
+        if quantity not in read:
+            message = "no instrument of the experiment reads this"
+            raise document.error(message, ("vary", "noise", quantity), found=quantity, allowed=read)
 
 
 def _model(experiment: Experiment, document: Document, names: tuple[str, ...], entries: tuple[str, ...]) -> Model:
@@ -211,7 +221,11 @@ def _cells(
         _insist_on_noise(document, models[task], noise, told=file.identification.noise == "known")
         shown = {**values, "instruments": " + ".join(sets[task])}
         drawn, size = values["errors"] == "drawn", float(values["size"])
-        cells.append(Cell(number, poses, plan, place, sets[task], task, drawn, size, noise, shown))
+        cell = Cell(number, poses, plan, place, sets[task], task, drawn, size, noise, shown)
+        if file.judge.against == "measurement" and not cell.position_noise > 0:
+            message = "no noise of positions is stated, with which test poses would be measured"
+            raise document.error(message, ("judge", "against"), found=file.judge.against)
+        cells.append(cell)
     return cells, plans, read
 
 
@@ -250,11 +264,11 @@ def _planned(
     file: StudyFile, experiment: Experiment, method: str, poses: int, model: Model, progress: Progress
 ) -> Array:
     """The poses of a plan that is made for the experiment, with its own noise."""
-    from symcal.planning.drive_plan import find_plan, plan_generator
+    from symcal.planning.drive_plan import find_plan
     from symcal.planning.plan_problem import plan_problem
 
     progress(f"planning {poses} poses ({method})")
-    rng = plan_generator(file.seed)
+    rng = shared_generator(file.seed, "plans")  # the same for every plan, whatever others there are
     wanted = experiment.file.plan.model_copy(update={"method": method, "poses": poses, "random": 0})
     own = experiment.file.model_copy(update={"plan": wanted})
     return find_plan(plan_problem(own, experiment.document, model, rng), wanted, rng, progress).plan.poses
@@ -270,8 +284,7 @@ def _noise(own: ExperimentFile, data: SimulatedData, model: Model, values: Mappi
 def _insist_on_noise(document: Document, model: Model, noise: Noise, *, told: bool) -> None:
     """Identifications that are told the noise must be told something."""
     for group in model.measurement.groups:
-        size = {**noise.sizes, **noise.by_instrument.get(group.observation, {})}.get(group.quantity, 0.0)
-        if told and not size > 0:
+        if told and not noise.size(group.observation, group.quantity) > 0:
             message = f"no noise of the {group.name} is stated: give it here, or in the experiment's 'data.noise'"
             raise document.error(message, ("vary", "noise", group.quantity))
 

@@ -13,8 +13,10 @@ import sys
 import warnings
 from collections import deque
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
+from typing import cast
 
 from symcal.errors import RefusedError
 from symcal.trials.worker import Done, Shard, run_shard
@@ -64,30 +66,42 @@ def run_locally(digest: str, data: bytes, shards: Iterable[Shard], workers: int)
 
 def _served(pipes: list[Connection], waiting: deque[Shard]) -> Iterator[Done]:
     """Give shards out, one more to a worker than it computes, and take what is done."""
-    given = dict.fromkeys(range(len(pipes)), 0)
-    for _ in range(_AHEAD):
-        for i, pipe in enumerate(pipes):
-            if waiting:
+    given = dict.fromkeys(pipes, 0)
+
+    def give(pipe: Connection) -> None:
+        if waiting:
+            with _alive():
                 pipe.send(waiting.popleft())
-                given[i] += 1
-    while any(given.values()):
-        busy = [pipe for i, pipe in enumerate(pipes) if given[i]]
-        for ready in wait(busy):
-            i = next(k for k, pipe in enumerate(pipes) if pipe is ready)
-            try:
-                done = pipes[i].recv()
-            except (EOFError, ConnectionError):
-                raise RefusedError(
-                    "a worker of the study died, perhaps for want of memory: what is done is kept, and the same "
-                    "command goes on; fewer --workers may help"
-                ) from None
-            given[i] -= 1
+            given[pipe] += 1
+
+    for _ in range(_AHEAD):
+        for pipe in pipes:
+            give(pipe)
+    while busy := [pipe for pipe in pipes if given[pipe]]:
+        for pipe in cast("list[Connection]", wait(busy)):
+            with _alive():
+                done = pipe.recv()
+            given[pipe] -= 1
             if isinstance(done, BaseException):
                 raise done
-            if waiting:
-                pipes[i].send(waiting.popleft())
-                given[i] += 1
             yield done
+            give(pipe)
+
+
+@contextmanager
+def _alive() -> Iterator[None]:
+    """Talking to a worker.
+
+    Raises:
+        RefusedError: it is gone.
+    """
+    try:
+        yield
+    except (EOFError, ConnectionError):
+        raise RefusedError(
+            "a worker of the study died, perhaps for want of memory: what is done is kept, and the same command goes "
+            "on; fewer --workers may help"
+        ) from None
 
 
 def _work(pipe: Connection, others: list[Connection], digest: str, data: bytes) -> None:

@@ -12,6 +12,12 @@ Cell = Mapping[str, Any]
 OF = {"mean": "mean error", "rms": "rms error", "p95": "95th percentile of the errors", "max": "largest error"}
 
 
+def judged_words(question: Mapping[str, Any]) -> str:
+    """Which error is judged, in words."""
+    against = " against measurement" if question["against"] == "measurement" else ""
+    return f"{OF[question['of']]}{against}"
+
+
 def answers(cells: Sequence[Cell], varied: Sequence[str], question: Mapping[str, Any]) -> list[dict[str, Any]]:
     """For every combination of what varies but the number of poses: the answer, and its sentence.
 
@@ -19,13 +25,10 @@ def answers(cells: Sequence[Cell], varied: Sequence[str], question: Mapping[str,
         cells: of results.json. varied: axes with more than one value. question: `of`, `share`, `tolerance_mm`.
     """
     others = [axis for axis in varied if axis != "poses"]
-    groups: dict[tuple[Any, ...], list[Cell]] = {}
-    for cell in cells:
-        groups.setdefault(tuple(cell["shown"][axis] for axis in others), []).append(cell)
     found = []
-    for values, own in groups.items():
-        where = ", ".join(said(axis, value) for axis, value in zip(others, values, strict=True))
-        chosen = dict(zip(others, values, strict=True))
+    for own in groups(cells, others):
+        chosen = {axis: own[0]["shown"][axis] for axis in others}
+        where = words(own[0], others)
         fewest = _fewest(own, question) if question["tolerance_mm"] is not None else None
         sentence = _sentence(own, fewest, question)
         found.append(
@@ -37,6 +40,14 @@ def answers(cells: Sequence[Cell], varied: Sequence[str], question: Mapping[str,
             }
         )
     return found
+
+
+def groups(cells: Sequence[Cell], axes: Sequence[str]) -> list[list[Cell]]:
+    """Cells that have the same values on these axes, together."""
+    found: dict[tuple[Any, ...], list[Cell]] = {}
+    for cell in cells:
+        found.setdefault(tuple(cell["shown"][axis] for axis in axes), []).append(cell)
+    return list(found.values())
 
 
 def _met(cell: Cell, question: Mapping[str, Any], bound: str) -> bool:
@@ -55,9 +66,7 @@ def _fewest(cells: Sequence[Cell], question: Mapping[str, Any]) -> Cell | None:
 
 
 def _sentence(cells: Sequence[Cell], fewest: Cell | None, question: Mapping[str, Any]) -> str:
-    tolerance, what = question["tolerance_mm"], OF[question["of"]]
-    if question["against"] == "measurement":
-        what += " against measurement"
+    tolerance, what = question["tolerance_mm"], judged_words(question)
     share = percent(question["share"])
     ordered = sorted(cells, key=lambda each: each["shown"]["poses"])
     if tolerance is None:
@@ -108,6 +117,11 @@ def said(axis: str, value: Any) -> str:
     return f"{value} poses" if axis == "poses" else str(value)
 
 
+def words(cell: Cell, axes: Sequence[str]) -> str:
+    """A cell by its values on some axes."""
+    return ", ".join(said(axis, cell["shown"][axis]) for axis in axes)
+
+
 def label(cell: Cell, varied: Sequence[str]) -> str:
     """A cell by what varies."""
-    return ", ".join(said(axis, cell["shown"][axis]) for axis in varied) or "all trials"
+    return words(cell, varied) or "all trials"

@@ -9,7 +9,7 @@ from typing import Any
 
 from symcal.outputs.whole_file import write_whole
 from symcal.report.render import Picture, rendered
-from symcal.trials.need import OF, label
+from symcal.trials.need import judged_words, label
 from symcal.words import number, percent, plural, symbol
 
 Content = Mapping[str, Any]
@@ -81,8 +81,8 @@ def _errors(content: Content) -> dict[str, Any]:
     share = percent(question["share"])
     head = ["cell", "trials", "5\u00a0%", "median", share, "95\u00a0% confidence"]
     caption = (
-        f"The {OF[question['of']]} at {question['test_poses']} test poses, mm: what so many of the trials stay below, "
-        f"and bounds of the {share} quantile. Trials that failed or were refused count as larger than any."
+        f"The {judged_words(question)} at {question['test_poses']} test poses, mm: what so many of the trials stay "
+        f"below, and bounds of the {share} quantile. Trials that failed or were refused count as larger than any."
     )
     if within:
         head.append("within")
@@ -125,17 +125,15 @@ def _coverage(content: Content) -> dict[str, Any]:
 
 def _parameters(content: Content) -> dict[str, Any]:
     """Intervals of parameters, over all cells."""
-    from symcal.trials.statistics import Share
+    from symcal.trials.statistics import pooled
 
     cells = [cell["coverage"]["parameters"] for cell in content["cells"] if cell["coverage"]]
     names = list(dict.fromkeys(name for own in cells for name in own))
     rows = []
     for name in names:
         own = [each[name] for each in cells if name in each]
-        total = sum(each["held"]["of"] + each["held_untold"]["of"] for each in own)
-        told = Share(sum(e["held"]["count"] for e in own), sum(e["held"]["of"] for e in own))
-        rest = Share(sum(e["held_untold"]["count"] for e in own), sum(e["held_untold"]["of"] for e in own))
-        rows.append([symbol(name), _share(told.of / max(total, 1)), _held(told), _held(rest)])
+        told, rest = (pooled([each[key] for each in own]) for key in ("held", "held_untold"))
+        rows.append([symbol(name), _share(told.of / max(told.of + rest.of, 1)), _held(told), _held(rest)])
     caption = (
         "95 % intervals of parameters, over all cells: the share of the trials in which the data took at least half of "
         "the uncertainty away, and in how many of these, and of the others, the interval held the true error."

@@ -12,7 +12,7 @@ from symcal.trials.load import Study
 from symcal.trials.machine import Machine
 from symcal.trials.need import answers, label
 from symcal.trials.setting import setting_of
-from symcal.trials.statistics import CONFIDENCE, Question, Share, cell_facts
+from symcal.trials.statistics import CONFIDENCE, Question, cell_facts, judged_column, pooled
 from symcal.trials.store import Store
 
 _CHANCE = 1e-3
@@ -24,8 +24,7 @@ def study_content(study: Study, description: Description, store: Store, machine:
     file, experiment = study.file, study.experiment
     judged = file.judge
     tolerance = None if judged.tolerance is None else judged.tolerance * experiment.file.units.factor("mm")
-    column = judged.of if judged.against == "truth" else f"measured_{judged.of}"
-    question = Question(column, judged.share, tolerance)
+    question = Question(judged_column(judged.of, judged.against), judged.share, tolerance)
     cells = []
     for cell in description.cells:
         names = setting_of(description, cell.task).named
@@ -83,7 +82,7 @@ def _warnings(content: Mapping[str, Any]) -> list[str]:
                 f"than any, because they failed or were refused: {why}"
             )
         coverage = cell["coverage"]
-        held = None if coverage is None else Share(coverage["position"]["count"], coverage["position"]["of"])
+        held = None if coverage is None else pooled([coverage["position"]])
         if held is not None and held.below(CONFIDENCE) < _CHANCE / len(content["cells"]):
             found.append(
                 f"{label(cell, content['varied'])}: intervals of positions that should hold the truth in 95 % of the "

@@ -55,9 +55,7 @@ class Setting:
         """Standard deviation of the noise of every group, mm, rad and px."""
         noise = cell.noise
         return {
-            group.name: noise.sigma(
-                {**noise.sizes, **noise.by_instrument.get(group.observation, {})}.get(group.quantity, 0.0)
-            )
+            group.name: noise.sigma(noise.size(group.observation, group.quantity))
             for group in self.model.measurement.groups
         }
 

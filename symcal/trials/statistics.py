@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtr, bdtrik, betaincinv
 
-from symcal.trials.judge import OK
+from symcal.trials.judge import FAILED, OK, REFUSED
 from symcal.trials.store import Store
 
 Array = NDArray[np.float64]
@@ -96,6 +96,11 @@ class Share:
         return {"count": self.count, "of": self.of, "share": value, "low": self.low, "high": self.high}
 
 
+def pooled(shares: Sequence[Mapping[str, Any]]) -> Share:
+    """Several shares, as results.json has them, as one."""
+    return Share(sum(s["count"] for s in shares), sum(s["of"] for s in shares))
+
+
 @dataclass(frozen=True, slots=True)
 class Question:
     """of: which error of a trial is judged (a column). share: of the trials that should be within tolerance, mm."""
@@ -103,6 +108,18 @@ class Question:
     of: str
     share: float
     tolerance: float | None
+
+
+def judged_column(of: str, against: str) -> str:
+    """The column of the error that is judged."""
+    return of if against == "truth" else f"measured_{of}"
+
+
+def judged_values(store: Store, number: int, column: str, repetitions: int) -> Array:
+    """The judged errors of all trials of a cell, ascending, shape (R,): of trials that failed or were refused
+    infinite."""
+    values = np.sort(store.numbers(number, column)[column])
+    return np.concatenate([values, np.full(repetitions - len(values), np.inf)])
 
 
 def cell_facts(store: Store, number: int, question: Question, repetitions: int, names: Sequence[str]) -> dict[str, Any]:
@@ -115,14 +132,12 @@ def cell_facts(store: Store, number: int, question: Question, repetitions: int, 
     """
     statuses = store.statuses(number)
     good = statuses.get(OK, 0)
-    lost = repetitions - good
     found = store.numbers(
         number,
         "mean",
         "rms",
         "p95",
         "max",
-        question.of,
         "before_rms",
         "foretold_rms",
         "found_rms",
@@ -130,9 +145,9 @@ def cell_facts(store: Store, number: int, question: Question, repetitions: int, 
         "rank",
         "iterations",
     )
-    judged = np.concatenate([np.sort(found[question.of]), np.full(lost, np.inf)])
+    judged = judged_values(store, number, question.of, repetitions)
     out: dict[str, Any] = {
-        "trials": {"ok": good, "failed": statuses.get("failed", 0), "refused": statuses.get("refused", 0)},
+        "trials": {"ok": good, **{status: statuses.get(status, 0) for status in (FAILED, REFUSED)}},
         "reasons": [{"reason": reason, "trials": count} for reason, count in store.reasons(number)[:5]],
         "error_mm": {
             of: {name: quantile(np.sort(found[of]), share).facts()["value"] for name, share in SHOWN.items()}

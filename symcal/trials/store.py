@@ -36,9 +36,9 @@ SCHEMA = "symcal/study-state/1"
 BESIDE = (STATE, f"{STATE}-wal", f"{STATE}-shm", f"{STATE}-journal", LOCK)
 """Names of the working state, as long as the study is not finished."""
 
-_TYPES = {"trial": "INTEGER PRIMARY KEY", "cell": "INTEGER NOT NULL", "status": "TEXT NOT NULL", "reason": "TEXT"}
-_TYPES |= {"rank": "INTEGER", "iterations": "INTEGER", "intervals": "TEXT"}
-_NUMBERS = ", ".join(f"{name} {_TYPES.get(name, 'REAL')}" for name in COLUMNS)
+_TYPES = {int: "INTEGER", float: "REAL", str: "TEXT"}
+_MORE = {"trial": " PRIMARY KEY", "cell": " NOT NULL", "status": " NOT NULL"}
+_NUMBERS = ", ".join(f"{name} {_TYPES[kind]}{_MORE.get(name, '')}" for name, kind in COLUMNS.items())
 _TABLES = (
     "study (key TEXT PRIMARY KEY, value TEXT NOT NULL)",
     "cells (cell INTEGER PRIMARY KEY, shown TEXT NOT NULL)",
@@ -60,15 +60,14 @@ class Store:
         return None if row is None else json.loads(row[0])
 
     def begin(self, facts: Mapping[str, Any], cells: Iterable[Cell]) -> None:
-        """Note what the study is, in one transaction."""
-        with self._connection as own:
+        """Keep what the study is, all or nothing.
+
+        Raises:
+            InputError: as of `add`.
+        """
+        with self._writing() as own:
             own.executemany("INSERT INTO study VALUES (?, ?)", [(k, json.dumps(v)) for k, v in facts.items()])
             own.executemany("INSERT INTO cells VALUES (?, ?)", [(c.number, json.dumps(c.shown)) for c in cells])
-
-    def note(self, key: str, value: Any) -> None:
-        """Add or replace a fact."""
-        with self._connection as own:
-            own.execute("INSERT OR REPLACE INTO study VALUES (?, ?)", (key, json.dumps(value)))
 
     def add(self, results: Iterable[Result]) -> None:
         """Keep results, all or none.
@@ -76,9 +75,15 @@ class Store:
         Raises:
             InputError: the disk is full, or the file cannot be written.
         """
+        with self._writing() as own:
+            own.executemany(_INSERT, map(astuple, results))
+
+    @contextmanager
+    def _writing(self) -> Iterator[sqlite3.Connection]:
+        """A transaction."""
         try:
             with self._connection as own:
-                own.executemany(_INSERT, map(astuple, results))
+                yield own
         except sqlite3.Error as error:
             raise InputError(f"results cannot be kept: {error}", file=self.path) from None
 
@@ -159,8 +164,8 @@ def opened(folder: Path) -> Iterator[Store]:
             yield Store(path, connection)
         finally:
             connection.close()
-            (folder / LOCK).unlink(missing_ok=True)
     finally:
+        (folder / LOCK).unlink(missing_ok=True)
         os.close(descriptor)
 
 

@@ -14,7 +14,7 @@ from symcal.kernels.path import kernels_by
 from symcal.trials.description import Description
 from symcal.trials.draw import draw
 from symcal.trials.identify import identify, refusal
-from symcal.trials.judge import Result, judge
+from symcal.trials.judge import REFUSED, Result, judge
 from symcal.trials.machine import Machine, kernels_of, this_machine
 from symcal.trials.setting import description_of, setting_of
 
@@ -47,10 +47,10 @@ def run_trials(description: Description, trials: Sequence[int]) -> list[Result]:
     setting = setting_of(description, cell.task)
     why = _refusal(description, cell.number)
     if why:
-        return [Result(trial, cell.number, "refused", why) for trial in trials]
+        return [Result(trial, cell.number, REFUSED, why) for trial in trials]
     drawn = draw(description, setting, cell, trials)
-    estimates = identify(description, setting, cell, drawn, drawn.refused)
-    return judge(description, setting, cell, list(trials), drawn, estimates, drawn.refused)
+    estimates = identify(description, setting, cell, drawn)
+    return judge(description, setting, cell, list(trials), drawn, estimates)
 
 
 _refusals: dict[tuple[str, int], str] = {}

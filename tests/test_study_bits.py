@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 import signal
 import sqlite3
 import sys
@@ -14,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies import killed_half_way, write_study
+from studies import CONFIGS, killed_half_way, write_study
 
 from symcal.documents.document import read_document
 from symcal.errors import InputError, RefusedError
@@ -128,21 +129,42 @@ def test_parquet_holds_the_same(small):
     assert found["rms_mm"].to_pylist() == [float(row["rms_mm"]) for row in rows]
 
 
-@pytest.mark.parametrize("change", ["seed: 6", "repetitions: 41", "test_poses: 51", "poses: [12, 21]"])
-def test_another_study_is_refused_in_its_folder(small, tmp_path, change):
-    key = change.partition(":")[0]
-    old = {
-        "seed": "seed: 5",
-        "repetitions": "repetitions: 40",
-        "test_poses": "test_poses: 50",
-        "poses": "poses: [12, 20]",
-    }
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("seed: 5", "seed: 6", "seed was 5 and is 6"),
+        ("repetitions: 40", "repetitions: 41", "repetitions was 40 and is 41"),
+        ("test_poses: 50", "test_poses: 51", "judge.test_poses was 50 and is 51"),
+        ("poses: [12, 20]", "poses: [12, 21]", "vary.poses was [12, 20] and is [12, 21]"),
+        (
+            "poses: [12, 20]",
+            "noise: {position: 0.1}",
+            "vary.noise.position was not there and is [0.1] and vary.poses was",
+        ),
+    ],
+)
+def test_another_study_is_refused_in_its_folder(small, tmp_path, old, new, said):
     other = tmp_path / "study.yaml"
-    other.write_text((small / "study.yaml").read_text().replace(old[key], change))
+    other.write_text((small / "study.yaml").read_text().replace(old, new))
     before = (small / "one/trials.csv").read_bytes()
-    with pytest.raises(RefusedError, match="holds another study"):
+    with pytest.raises(RefusedError, match=r"holds another study \(" + re.escape(said)):
         run_study(other, small / "one", execution=Execution(1))
     assert (small / "one/trials.csv").read_bytes() == before
+
+
+def test_another_experiment_or_level_is_another_study(tmp_path):
+    """Every byte of what a study reads counts; removing the state, as is advised, begins again."""
+    text = (CONFIGS / "simulated_arm.yaml").read_text().replace("robots/", f"{CONFIGS}/robots/")
+    (tmp_path / "arm.yaml").write_text(text)
+    study, out = write_study(tmp_path, 3, "{poses: 12}", experiment=tmp_path / "arm.yaml"), tmp_path / "out"
+    run_study(study, out, execution=Execution(1))
+    with pytest.raises(RefusedError, match=r"another study \(--portable was false and is true\); it has 3 of 3 trials"):
+        run_study(study, out, execution=Execution(1, portable=True))
+    (tmp_path / "arm.yaml").write_text(text + "# looked at\n")
+    with pytest.raises(RefusedError, match=r"another study \(arm\.yaml has changed\)"):
+        run_study(study, out, execution=Execution(1))
+    (out / STATE).unlink()
+    run_study(study, out, execution=Execution(1))
 
 
 def test_what_only_asks_is_no_other_study(small):

@@ -6,10 +6,12 @@ import json
 
 import pypdf
 import pytest
+from matplotlib import pyplot
 from studies import CONFIGS, write_study
 
 from symcal.errors import InputError, RefusedError
 from symcal.trials.check import check_study
+from symcal.trials.figures import _ratios
 from symcal.trials.load import load_study
 from symcal.trials.study import Execution, run_study
 
@@ -122,6 +124,15 @@ def test_the_command_answers(symcal, tmp_path):
     assert content["answers"][0]["text"].split(":")[0] in text.replace("\n", " ")
     assert "SeedSequence(5, spawn_key=(t,))" in text
     assert content["machine"]["processor"] in text
+
+
+def test_one_cell_has_one_tick():
+    """Also where there is room for many: cells are counted."""
+    figure, axes = pyplot.subplots()
+    _ratios(axes, [{"cell": 0, "expected": {"ratio": 1.01, "ratio_error": 0.02}}])
+    low, high = axes.get_xlim()
+    assert [tick for tick in axes.get_xticks() if low <= tick <= high] == [0.0]
+    pyplot.close(figure)
 
 
 def test_numbers_only(symcal, tmp_path):

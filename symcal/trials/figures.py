@@ -52,6 +52,11 @@ def _spread(count: int, most: int) -> list[int]:
     return sorted(set(np.linspace(0, count - 1, min(count, most)).round().astype(int).tolist()))
 
 
+def _axis_name(content: Content) -> str:
+    """The judged error beside an axis; in two lines where it is too long for one."""
+    return f"{judged_words(content['question'])} of a trial / mm".replace(" against", "\nagainst")
+
+
 def _column(content: Content) -> str:
     return judged_column(content["question"]["of"], content["question"]["against"])
 
@@ -71,7 +76,7 @@ def error_figure(content: Content, store: Store) -> Illustration:
             share = 100 * np.arange(1, len(finite) + 1) / repetitions
             look = {"color": _COLORS[k], "linestyle": _LINES[k], "label": escaped(label(cells[i], content["varied"]))}
             left.step(finite, share, where="post", **look)
-        left.set(xlabel=f"{name} of a trial / mm", ylabel="trials below / %", ylim=(0, 103))
+        left.set(xlabel=_axis_name(content), ylabel="trials below / %", ylim=(0, 103))
         left.set_xlim(left=0)
         grid(left)
         if len(chosen) > 1:
@@ -112,7 +117,7 @@ def _boxes(axes: Axes, cells: Sequence[Content], content: Content) -> None:
     room = max(0, 4 - len(cells)) / 2  # a single row is no tall bar
     axes.set_ylim(len(cells) - 0.4 + room, -0.6 - room)
     axes.set_xlim(left=0)
-    axes.set_xlabel(f"{judged_words(content['question'])} of a trial / mm")
+    axes.set_xlabel(_axis_name(content))
     grid(axes, "x")
 
 
@@ -211,7 +216,7 @@ def _quantile_figure(content: Content, store: Store) -> Illustration:
         for k, (of, kind) in enumerate(OF.items()):
             look = {"color": _COLORS[k], "linestyle": _LINES[k], "linewidth": 1.1}
             right.hist(first[of], bins=40, histtype="step", label=kind, **look)
-        left.set(xlabel="share of the trials / %", ylabel=f"{name} below / mm", ylim=(0, None))
+        left.set(xlabel="share of the trials / %", ylabel=_axis_name(content), ylim=(0, None))
         right.set(xlabel="error of a trial / mm", ylabel="trials", xlim=(0, None))
         right.legend(fontsize=5.5)
         if len(cells) > 1:

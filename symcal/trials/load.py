@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,6 +25,7 @@ from symcal.planning.plan_file import read_plan
 from symcal.runs.load import Experiment, load, named_files
 from symcal.trials.description import Cell, Description, shared_generator
 from symcal.trials.grid import NOISE, axes, combinations, varied
+from symcal.trials.identity import identity
 from symcal.trials.poses import pose_source
 from symcal.trials.setting import insist_on_points
 
@@ -38,8 +37,8 @@ Progress = Callable[[str], None]
 class Study:
     """A study that can be run.
 
-    inputs: the files that it reads. identity: what makes it this study and no other, as a hash of all that the files
-    say. axes: values of the grid by axis; varied: those with more than one.
+    inputs: the files that it reads, its own first. identity: see `symcal.trials.identity`. axes: values of the grid by
+    axis; varied: those with more than one.
     """
 
     file: StudyFile
@@ -47,7 +46,7 @@ class Study:
     experiment: Experiment
     description: Description
     inputs: tuple[Path, ...]
-    identity: str
+    identity: Mapping[str, str]
     axes: Mapping[str, list[Any]]
     varied: tuple[str, ...]
 
@@ -137,7 +136,7 @@ def load_study(
         measured=file.judge.against == "measurement",
         portable=portable,
     )
-    return Study(file, document, experiment, description, inputs, _identity(file, inputs, portable), grid, varied(grid))
+    return Study(file, document, experiment, description, inputs, identity(file, inputs, portable), grid, varied(grid))
 
 
 def _refuse_extensions(own: ExperimentFile, document: Document) -> None:
@@ -287,12 +286,3 @@ def _insist_on_noise(document: Document, model: Model, noise: Noise, *, told: bo
         if told and not noise.size(group.observation, group.quantity) > 0:
             message = f"no noise of the {group.name} is stated: give it here, or in the experiment's 'data.noise'"
             raise document.error(message, ("vary", "noise", group.quantity))
-
-
-def _identity(file: StudyFile, inputs: Sequence[Path], portable: bool) -> str:
-    """A hash of what the files say: of the study's own file the keys that decide numbers, of others every byte."""
-    said: dict[str, Any] = file.model_dump(mode="json", by_alias=True, exclude={"title", "outputs", "name"})
-    said["judge"] = {key: said["judge"][key] for key in ("test_poses", "against")}
-    digests = [hashlib.sha256(path.read_bytes()).hexdigest() for path in inputs[1:] if path.is_file()]
-    text = json.dumps([said, digests, portable], sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()

@@ -15,6 +15,7 @@ from symcal.outputs.names import file_name
 from symcal.runs.folder import require_replaceable, run_folder
 from symcal.trials.description import Description, packed
 from symcal.trials.identify import one_by_one
+from symcal.trials.identity import difference
 from symcal.trials.load import Study, load_study
 from symcal.trials.machine import Machine, kernels_of, this_machine
 from symcal.trials.setting import description_of, setting_of
@@ -185,8 +186,11 @@ def _continue(store: Store, study: Study, machine: Machine, target: Path) -> Non
         store.begin(facts, study.description.cells)
         return
     kept = f"it has {store.count()} of {store.fact('trials')} trials. Choose another --out, or remove {target / STATE}"
-    if store.fact("schema") != SCHEMA or store.fact("identity") != study.identity:
-        raise RefusedError(f"{target} holds another study (of other files, another seed or other settings); {kept}")
+    if store.fact("schema") != SCHEMA:
+        raise RefusedError(f"{target} holds a study of another version of the program; {kept}")
+    other = difference(store.fact("identity"), study.identity)
+    if other:
+        raise RefusedError(f"{target} holds another study ({other}); {kept}")
     before = Machine(**store.fact("machine"))
     differences = before.differs(machine)
     if differences:

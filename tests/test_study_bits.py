@@ -10,6 +10,7 @@ import signal
 import sqlite3
 import sys
 import time
+import warnings
 from itertools import pairwise
 from pathlib import Path
 
@@ -65,10 +66,25 @@ def test_two_processes_are_as_one(small):
 
 def test_a_cluster_is_as_one(small):
     distributed = pytest.importorskip("distributed", reason="a Dask cluster needs symcal[cluster]")
-    settings = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, "processes": True}
+    settings = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": ":0", "processes": True}
     with distributed.LocalCluster(**settings) as cluster:
         execution = Execution(scheduler=cluster.scheduler_address, shard=9)
         assert table(small / "study.yaml", small / "dask", execution) == (small / "one/trials.csv").read_bytes()
+
+
+def _dies(*_: object) -> None:
+    os._exit(1)
+
+
+def test_a_cluster_whose_workers_die_is_one_sentence(small, monkeypatch):
+    distributed = pytest.importorskip("distributed", reason="a Dask cluster needs symcal[cluster]")
+    monkeypatch.setattr("symcal.trials.cluster.run_shard", _dies)
+    settings = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": ":0", "processes": True}
+    with distributed.LocalCluster(**settings) as cluster, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        execution = Execution(scheduler=cluster.scheduler_address, shard=200)
+        with pytest.raises(RefusedError, match=r"the cluster lost its workers .*the same command goes on"):
+            run_study(small / "study.yaml", small / "dies", execution=execution)
 
 
 def test_a_killed_study_goes_on(small):

@@ -22,7 +22,7 @@ _FEW, _FEWEST = Pace(rounds=7, sample_s=0.005, slow_s=0.5), Pace(rounds=3, sampl
 
 
 def run_bench(*, quick: bool = False, only: str | None = None, progress: Progress = lambda _: None) -> dict[str, Any]:
-    """Measure, one subject after the other, on one core.
+    """Measure, one subject after the other: on one core, but for whole commands, which have all.
 
     Args:
         quick: less of everything: seconds instead of minutes. only: one of `SUBJECTS`.

@@ -38,7 +38,7 @@ def machine() -> dict[str, Any]:
         "flags": [flag for flag in _SHOWN if flag in flags],
         "cores": os.cpu_count(),
         "system": platform.platform(),
-        "compiler": None if compiler is None else compiler.version.splitlines()[0],
+        "compiler": None if compiler is None else compiler.name,
         "kernels": os.environ.get("SYMCAL_KERNELS", "auto"),
         "python": platform.python_version(),
         "packages": {name: version(name) for name in _PACKAGES},

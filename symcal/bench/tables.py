@@ -32,7 +32,8 @@ def machine_lines(content: Mapping[str, Any]) -> list[str]:
         f"compiler: {facts['compiler'] or 'none'}; SYMCAL_KERNELS: {facts['kernels']}; load: {load}",
         ", ".join(f"{name} {found or 'not installed'}" for name, found in versions.items()),
         "peers: " + ", ".join(f"{name} {found}" for name, found in content["peers"].items()),
-        "one core, one thread of linear algebra; medians of processor time over rounds in turn, ratios within a round",
+        "one core (commands: all), one thread of linear algebra; medians of processor time over rounds in turn, ratios "
+        "within a round",
         *(f"warning: {each}" for each in content["warnings"]),
     ]
 

@@ -23,15 +23,29 @@ class Cluster:
     workers: int
 
     def run(self, digest: str, data: bytes, shards: Iterable[Shard]) -> Iterator[Done]:
-        """The shards as they are done, in whatever order; those of workers that are lost are computed again."""
+        """The shards as they are done, in whatever order; those of workers that are lost are computed again.
+
+        Raises:
+            RefusedError: whoever gets a shard dies of it, or the scheduler is gone.
+        """
+        from concurrent.futures import CancelledError
+
         from distributed import as_completed
+        from distributed.scheduler import KilledWorker
 
         described = self.client.scatter(data, broadcast=True)
         pending = iter(shards)
         first = [self._submit(digest, described, s) for s in islice(pending, _AHEAD * max(self.workers, 1))]
         running = as_completed(first)
         for future in running:
-            yield future.result()
+            try:
+                done: Done = future.result()
+            except (KilledWorker, CancelledError, OSError) as error:
+                raise RefusedError(
+                    f"the cluster lost its workers or its scheduler ({_first_line(error)}): what is done is kept, and "
+                    "the same command goes on"
+                ) from None
+            yield done
             for shard in islice(pending, 1):
                 running.add(self._submit(digest, described, shard))
 
@@ -40,6 +54,11 @@ class Cluster:
 
     def close(self) -> None:
         self.client.close()
+
+
+def _first_line(error: BaseException) -> str:
+    """An error's own words, which for some are none and for some a page."""
+    return (str(error).strip() or type(error).__name__).splitlines()[0]
 
 
 def connected(address: str, *, portable: bool) -> Cluster:

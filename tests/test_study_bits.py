@@ -261,6 +261,21 @@ def test_one_process_at_a_time(small):
         run_study(small / "study.yaml", small / "locked", execution=Execution(1))
 
 
+def test_the_lock_of_who_came_next_is_kept(tmp_path):
+    """A finished study's folder is exchanged for a new one: the next process may be in it before this one is out."""
+    from symcal.trials.store import LOCK, opened
+
+    folder = tmp_path / "study"
+    with opened(folder):
+        folder.rename(tmp_path / "old")
+        folder.mkdir()
+        (folder / LOCK).write_text("")
+    assert (folder / LOCK).exists()
+    with opened(folder):
+        assert (folder / LOCK).exists()
+    assert not (folder / LOCK).exists()
+
+
 def test_what_is_somebody_elses_is_kept(small, tmp_path):
     out = tmp_path / "mine"
     out.mkdir()

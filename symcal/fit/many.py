@@ -216,10 +216,7 @@ def _checked(
         seen = [part.seen(z.reshape(-1, nz)) for part in system.model.measurement.parts]
         bad = ~np.hstack(seen).reshape(count, poses, m) & np.isfinite(sigma)
         if bad.any():
-            where = _first(bad)
-            raise InputError(
-                "readings that count must be finite; give infinite sigma", key="z", found=f"{where} is not"
-            )
+            raise InputError(_FINITE, key="z", found=f"{_first(bad)} is not")
     each = sigma.ndim == 3
     weights = np.ascontiguousarray(np.broadcast_to(1.0 / sigma, sigma.shape if each else (poses, m)))
     return Layout(system.places, q_form, setup_form, "reading" if each else "pose"), weights, 1.0

@@ -142,6 +142,3 @@ ROUNDED: dict[str, Callable[..., Array]] = {
     "fmod": np.fmod,
     "hypot": np.hypot,
 }
-
-SAME_EVERYWHERE = frozenset(EXACT) | {"sq", "twice", "inv", "assign", "lift", "sin", "cos", "fmod"}
-"""Operations whose bits do not depend on the machine at the portable level (sines within +-`SINCOS_RANGE`)."""

@@ -50,9 +50,11 @@ def this_machine(portable: bool = False) -> Machine:
 
 _SHOW = (
     *("cli", "compensation", "export", "images", "paper", "plots", "report", "runs", "vision"),
-    *(f"trials/{name}" for name in ("export", "figures", "folder", "need", "report", "results", "statistics")),
+    *(f"trials/{name}" for name in ("export", "figures", "folder", "identity", "need")),
+    *(f"trials/{name}" for name in ("report", "results", "statistics")),
 )
 """Rooms and files that show numbers, or make none of a trial's."""
+_BUILDS = "runs/load"  # what is identified, in a room that otherwise shows
 
 
 @cache
@@ -62,7 +64,7 @@ def _source() -> str:
     found = hashlib.sha256()
     for path in sorted(p for p in root.rglob("*") if p.suffix in (".py", ".h", ".c")):
         name = path.relative_to(root).with_suffix("").as_posix()
-        if name.startswith(_SHOW):
+        if name.startswith(_SHOW) and name != _BUILDS:
             continue
         found.update(name.encode() + b"\0")
         found.update(path.read_bytes())

@@ -165,7 +165,8 @@ def opened(folder: Path) -> Iterator[Store]:
         finally:
             connection.close()
     finally:
-        (folder / LOCK).unlink(missing_ok=True)
+        if same_file(descriptor, folder / LOCK):  # in the folder of a finished study there is none, or somebody else's
+            (folder / LOCK).unlink(missing_ok=True)
         os.close(descriptor)
 
 

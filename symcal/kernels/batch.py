@@ -1,9 +1,10 @@
 """Evaluate a CasADi function at many points at once: compiled C, straight-line numpy, or CasADi's virtual machine.
 
 All do the same arithmetic and agree to rounding (about 1e-13 relative), not bit for bit. Which one runs is decided
-when a `BatchFunction` is made, from the arguments, SYMCAL_KERNELS and the presence of a compiler alone (see
-`symcal.kernels.path`); never from the state of a cache or in the middle of a job. So the same job gives the same bits
-on the same machine, from its first run on. And a row's result depends on that row alone, not on N or its neighbours.
+when a `BatchFunction` is made, from the arguments, what is asked for (SYMCAL_KERNELS) and the presence of a compiler
+alone (see `symcal.kernels.path`); never from the state of a cache or in the middle of a job. So the same job gives the
+same bits on the same machine, from its first run on. And a row's result depends on that row alone, not on N or its
+neighbours.
 """
 
 from __future__ import annotations
@@ -185,8 +186,8 @@ def batch_function(function: ca.Function, *, backend: Choice = "auto", evaluatio
 
     Args:
         function: any function that can be expanded to SX; sparse inputs and outputs become dense.
-        backend: see `symcal.kernels.path.chosen_kind`; `auto` is the environment's SYMCAL_KERNELS if set. What cannot
-            be written as a program runs in CasADi's virtual machine, and the log says so.
+        backend: see `symcal.kernels.path.chosen_kind`. What cannot be written as a program runs in CasADi's virtual
+            machine, and the log says so.
         evaluations: how many rows will be evaluated in all, if known. Give a number that follows from the job alone, so
             that its results repeat.
     Raises:

@@ -109,7 +109,7 @@ def choice_in_force() -> Choice:
 
 
 def chosen_kind(choice: Choice, evaluations: int | None) -> Kind:
-    """What runs a function; it follows from the arguments, SYMCAL_KERNELS and the presence of a compiler alone.
+    """What runs a function; it follows from the arguments, `choice_in_force` and the presence of a compiler alone.
 
     Args:
         choice: `auto`: see `choice_in_force`, else by the number of evaluations: `vm` for a few, `numpy` for some

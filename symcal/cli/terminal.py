@@ -96,18 +96,17 @@ def print_measured(measured: Any) -> None:
 
 def print_trials(content: Any) -> None:
     """The cells of a study, what it answers, and what to be careful with."""
-    from symcal.trials.need import OF, label
+    from symcal.trials.need import bounds, judged_words, label, millimetres
 
     console, asked = output(), content["question"]
     share = f"{100 * asked['share']:g} %"
-    heads = ("cell", "trials", f"{OF[asked['of']]}, median mm", f"in {share} at most mm", "95 % sure")
+    heads = ("cell", "trials", f"{judged_words(asked)}, median mm", f"in {share} at most mm", "95 % sure")
     table = Table(*heads, *(["within"] if asked["tolerance_mm"] is not None else []), box=None, pad_edge=False)
     for cell in content["cells"][:_CELLS]:
         found = cell["judged_mm"]["at_share"]
-        shown = ["-" if found[key] is None else f"{found[key]:.4g}" for key in ("value", "low", "high")]
         median = cell["judged_mm"]["median"]["value"]
         cells = [label(cell, content["varied"]), str(cell["trials"]["ok"])]
-        cells += ["-" if median is None else f"{median:.4g}", shown[0], f"{shown[1]} .. {shown[2]}"]
+        cells += [millimetres(median), millimetres(found["value"]), bounds(found)]
         within = cell["within"]
         table.add_row(*map(escape, cells), *([f"{100 * within['share']:.1f} %"] if within else []))
     console.print(table)

@@ -99,9 +99,18 @@ def _quantile(cell: Cell) -> str:
     """Value with its bounds."""
     found = cell["judged_mm"]["at_share"]
     if found["value"] is None:
-        return "infinite"
-    high = "infinity" if found["high"] is None else number(found["high"])
-    return f"{number(found['value'])} mm ({number(found['low'])} to {high})"
+        return millimetres(None)
+    return f"{number(found['value'])} mm ({bounds(found)})"
+
+
+def millimetres(value: float | None) -> str:
+    """A quantile without its unit, as tables have it."""
+    return "infinity" if value is None else number(value)
+
+
+def bounds(found: Mapping[str, float | None]) -> str:
+    """Those of a quantile, mm."""
+    return f"{millimetres(found['low'])} to {millimetres(found['high'])}"
 
 
 def said(axis: str, value: Any) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 
 from symcal.outputs.whole_file import write_whole
 from symcal.report.render import Picture, rendered
-from symcal.trials.need import judged_words, label
+from symcal.trials.need import bounds, judged_words, label, millimetres
 from symcal.words import number, percent, plural, symbol
 
 Content = Mapping[str, Any]
@@ -55,10 +55,6 @@ def _subtitle(content: Content) -> str:
     )
 
 
-def _mm(value: float | None) -> str:
-    return "infinite" if value is None else number(value)
-
-
 def _errors(content: Content) -> dict[str, Any]:
     """Quantiles of the judged error by cell."""
     question, rows = content["question"], []
@@ -69,10 +65,10 @@ def _errors(content: Content) -> dict[str, Any]:
         row = [
             label(cell, content["varied"]),
             str(cell["trials"]["ok"]),
-            _mm(found["p05"]["value"]),
-            _mm(found["median"]["value"]),
-            _mm(at["value"]),
-            f"{_mm(at['low'])} to {_mm(at['high'])}",
+            millimetres(found["p05"]["value"]),
+            millimetres(found["median"]["value"]),
+            millimetres(at["value"]),
+            bounds(at),
         ]
         if within:
             held = cell["within"]

@@ -242,6 +242,7 @@ def experiment_type(measurements: object = None) -> type[ExperimentFile]:
 
     Args:
         measurements: as a file has them: where every entry names a registered kind, the keys of these kinds are enough.
+            A file without any needs `ExperimentFile` alone.
     """
     each: Any = observation_type(_kinds(measurements))
     return create_model(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,13 +15,15 @@ import pytest
 import scipy.stats
 from identifications import Case, simulated, wired
 from matplotlib.colors import to_rgb
+from PIL import Image
 
 from symcal import plots
 from symcal.calibration.evaluate import Errors, evaluate, statistics
 from symcal.model.model import State
 from symcal.plots import panels, style
 from symcal.plots.cells import in_cells
-from symcal.plots.save import save_figure
+from symcal.plots.pixels import PIXELS_PER_INCH, pixels
+from symcal.plots.save import save_figure, save_figures
 from symcal.words import number, symbol
 
 Figures = dict[str, plots.Illustration]
@@ -325,18 +328,30 @@ def test_cells_hold_what_scipy_finds_in_them(statistic: Any) -> None:
         np.testing.assert_array_equal(found, wanted.statistic)
 
 
-def test_names_of_axes_stay_clear_of_the_numbers_in_the_pdf_too(position: Case, tmp_path: Path) -> None:
-    """After a file was written the names hold their places, which are those that matplotlib finds by itself."""
-    for illustration in plots.identification_figures(*position):
-        figure = illustration.figure
-        with style.print_settings():
-            figure.draw_without_rendering()
-        found = [_name(axis) for axes in figure.axes for axis in (axes.xaxis, axes.yaxis) if axis.label.get_text()]
-        save_figure(illustration, tmp_path)
-        figure.dpi = style.PIXELS_PER_INCH
-        held = [_name(axis) for axes in figure.axes for axis in (axes.xaxis, axes.yaxis) if axis.label.get_text()]
-        np.testing.assert_allclose(held, found, atol=1.0)  # pixels
+def test_figures_are_laid_out_as_matplotlib_alone_does_it(position: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Margins that are remembered while ticks stay move no axes by more than a pixel of the layout."""
+    remembered = plots.identification_figures(*position)
+    monkeypatch.setattr(style, "_margins_remembered", lambda _: nullcontext())
+    for own, plain in zip(remembered, plots.identification_figures(*position), strict=True):
+        for axes, wanted in zip(own.figure.axes, plain.figure.axes, strict=True):
+            assert "get_tightbbox" not in vars(axes)
+            found = [a.get_window_extent().get_points() for a in (axes, wanted)]
+            np.testing.assert_allclose(*found, atol=1.0, err_msg=own.name)
 
 
-def _name(axis: Any) -> Any:
-    return axis.label.get_transform().transform(axis.label.get_position())
+def test_pixels_are_those_of_the_pdf(position: Case, tmp_path: Path) -> None:
+    """Against another program that draws PDF files: the same size, and a picture that differs by edges alone."""
+    pdfium = pytest.importorskip("pypdfium2", reason="pypdfium2, which draws PDF files, is not installed")
+    shown = save_figures(plots.identification_figures(*position)[:3], tmp_path)
+    for picture in shown:
+        page = pdfium.PdfDocument(picture.file)[0].render(scale=PIXELS_PER_INCH / 72)
+        wanted = page.to_pil().convert("L")
+        found = Image.open(picture.file.with_suffix(".png")).convert("L")
+        assert np.abs(np.subtract(found.size, wanted.size)).max() <= 1
+        smaller = [np.asarray(image.resize((200, 100), Image.Resampling.BOX), dtype=float) for image in (found, wanted)]
+        assert np.abs(np.subtract(*smaller)).mean() < 1.0  # of 255
+        assert np.corrcoef(smaller[0].ravel(), smaller[1].ravel())[0, 1] > 0.98
+    assert pixels([picture.file.read_bytes() for picture in shown[:1]]) == (
+        shown[0].file.with_suffix(".png").read_bytes(),
+    )
+    assert pixels([]) == ()

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import symcal as sc
+from symcal import cli
 
 ROOT = Path(__file__).resolve().parents[1]
 HEAVY = ("scipy.stats", "scipy.optimize", "pandas", "matplotlib", "cv2", "pymoo", "typst", "PIL")
@@ -61,13 +65,45 @@ def loaded(*args: str | Path) -> set[str]:
 def test_a_check_loads_no_science(file: str) -> None:
     found = loaded("check", ROOT / "configs" / file)
     assert not found.intersection((*HEAVY, "scipy.linalg", "scipy.special", "scipy.spatial"))
-    assert not [name for name in found if name.startswith(("symcal.vision", "symcal.planning", "symcal.plots"))]
+    rooms = ("vision", "images", "planning", "plots", "report", "placing", "export", "trials")
+    assert not [name for name in found if name.startswith(tuple(f"symcal.{room}" for room in rooms))]
+    assert not found.intersection(("symcal.calibration.calibrate", "symcal.runs.run", "rich.progress"))
 
 
 def test_an_identification_without_a_report_loads_no_figures(measured_experiment: Path, tmp_path: Path) -> None:
     found = loaded("identify", measured_experiment, "--no-report", "--out", tmp_path / "run")
     assert not found.intersection(HEAVY)
     assert not [name for name in found if name.startswith(("symcal.vision", "symcal.planning.search", "symcal.plots"))]
+
+
+def test_an_identification_with_a_report_loads_figures_but_no_images(measured_experiment: Path, tmp_path: Path) -> None:
+    """Of measurements that are numbers; what looks for plans is not loaded either."""
+    found = loaded("identify", measured_experiment, "--out", tmp_path / "run")
+    assert found.issuperset(("matplotlib", "typst"))
+    assert not found.intersection({*HEAVY} - {"matplotlib", "typst", "PIL"})
+    assert not [name for name in found if name.startswith(("symcal.vision", "symcal.images", "symcal.planning.search"))]
+
+
+@pytest.mark.parametrize("arguments", [["check"], ["check", "--help"], ["--help"], ["chek"], []])
+def test_a_command_is_read_alone_and_the_others_are_known(
+    arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Usage and errors are those of the whole command, of which only what is called has been read."""
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("PYDANTIC_DISABLE_PLUGINS", "true")
+    monkeypatch.setattr(gc, "set_threshold", lambda *_: None)
+    monkeypatch.setattr(cli.app, "registered_commands", whole := list(cli.app.registered_commands))
+    answers = CliRunner().invoke(cli.app, arguments, prog_name="symcal")
+    monkeypatch.setattr(sys, "argv", ["symcal", *arguments])
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == answers.exit_code
+    out, err = capsys.readouterr()
+    said, wanted = ([line[:60] for line in text.splitlines()] for text in (out + err, answers.output))
+    assert said == wanted  # the terminal's width decides where long lines end
+    known = [command.name for command in cli.app.registered_commands]
+    assert known == (["check"] if arguments[:1] == ["check"] else [command.name for command in whole])
 
 
 def test_help_loads_neither_numbers_nor_tables() -> None:

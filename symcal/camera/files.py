@@ -1,10 +1,8 @@
 """camera.yaml and target.yaml: strict in, exact out."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -65,7 +63,7 @@ class CameraFile(Strict):
     provenance: dict[str, Any] = Field(default_factory=dict)
 
     @model_validator(mode="after")
-    def _one_source(self) -> CameraFile:
+    def _one_source(self) -> Self:
         if (self.intrinsics is None) == (self.lens is None):
             raise PydanticCustomError(
                 "camera", "a camera has 'intrinsics' (px) or a 'lens' (focal_mm, pixel_um): give one"
@@ -117,7 +115,7 @@ class TargetFile(Strict):
     mount: Frame | None = None
 
     @model_validator(mode="after")
-    def _one_shape(self) -> TargetFile:
+    def _one_shape(self) -> Self:
         if (self.triangle is None) == (self.points is None):
             raise PydanticCustomError("target", "a target is a 'triangle' (side) or named 'points': give one")
         if self.triangle is not None and self.normal != [0.0, 0.0, 1.0]:

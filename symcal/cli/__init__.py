@@ -36,19 +36,22 @@ for command in (
     export,
     bench,
 ):
-    app.command()(command)
+    app.command(command.__name__)(command)
 app.command("import")(import_)
-app.command()(schema)
+app.command("schema")(schema)
 
 
 _OBJECTS = (
-    50_000  # new ones before garbage is looked for: loading makes many that stay, and looking through them is slow
+    400_000  # new ones before garbage is looked for: loading makes many that stay, and looking through them is slow
 )
 
 
 def main() -> None:
     """Entry point: an input error is one message and exit code 1; a traceback is a bug of ours."""
     gc.set_threshold(_OBJECTS, 50, 100)
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "true")  # it would look through all installed packages for them
+    # typer reads the parameters of every command it knows before it looks which one is called
+    app.registered_commands = [c for c in app.registered_commands if c.name in sys.argv[1:2]] or app.registered_commands
     signal.signal(signal.SIGTERM, _stop)
     hangup = getattr(signal, "SIGHUP", None)
     if hangup is not None and signal.getsignal(hangup) != signal.SIG_IGN:  # not under nohup

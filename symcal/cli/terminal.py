@@ -56,9 +56,9 @@ def trial_progress(quiet: bool) -> Iterator[tuple[Callable[[str], None], Callabl
 
 
 def output() -> Console:
-    """The terminal; elsewhere lines are wide enough for the tables."""
-    console = Console(soft_wrap=True)
-    return console if console.is_terminal else Console(soft_wrap=True, width=160)
+    """The terminal; elsewhere lines are wide enough for the tables. A name with colons is no name of an emoji."""
+    console = Console(soft_wrap=True, emoji=False)
+    return console if console.is_terminal else Console(soft_wrap=True, width=160, emoji=False)
 
 
 def print_camera(content: Any) -> None:

@@ -60,7 +60,8 @@ def load_experiment(path: Path | str, overrides: Sequence[str] = ()) -> tuple[Ex
         raise InputError("this is a study, which repeats an experiment: 'symcal study' runs it", file=path, line=1)
     for override in overrides:
         document = overridden(document, override)
-    return validate(document, experiment_type(document.data.get("measurements"))), document
+    model = experiment_type(document.data["measurements"]) if "measurements" in document.data else ExperimentFile
+    return validate(document, model), document
 
 
 def overridden(document: Document, text: str) -> Document:

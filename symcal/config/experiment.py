@@ -3,9 +3,7 @@
 Numbers here are still in the file's units; `symcal.config.conversion` converts them.
 """
 
-from __future__ import annotations
-
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, create_model, field_validator, model_validator
 from pydantic_core import PydanticCustomError
@@ -177,7 +175,7 @@ class ToleranceConfig(Strict):
     of: Of = "p95"
 
     @model_validator(mode="after")
-    def _something(self) -> ToleranceConfig:
+    def _something(self) -> Self:
         if self.position is None and self.orientation is None:
             raise PydanticCustomError("tolerance", "say how far off the tool may be: position, orientation or both")
         return self
@@ -226,7 +224,7 @@ class ExperimentFile(Strict):
     outputs: OutputsConfig = OutputsConfig.model_construct()
 
     @model_validator(mode="after")
-    def _one_way(self) -> ExperimentFile:
+    def _one_way(self) -> Self:
         if (self.measurement is None) == (not self.measurements):
             raise PydanticCustomError("measurement", "say what is measured: 'measurements', or 'measurement' in short")
         long = {"base": self.base == "unknown", "tool": self.tool == "unknown", "targets": bool(self.targets)}
@@ -242,6 +240,7 @@ def experiment_type(measurements: object = None) -> type[ExperimentFile]:
 
     Args:
         measurements: as a file has them: where every entry names a registered kind, the keys of these kinds are enough.
+            A file without any needs `ExperimentFile` alone.
     """
     each: Any = observation_type(_kinds(measurements))
     return create_model(

@@ -3,10 +3,8 @@
 Numbers here are still in the file's units; `symcal.config.observations` converts them.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache, partial
-from typing import Annotated, Any, Literal, Union
+from typing import Annotated, Any, Literal, Self, Union
 
 from pydantic import (
     AfterValidator,
@@ -57,7 +55,7 @@ class SplitConfig(Strict):
     test_fraction: Annotated[float, Field(gt=0, lt=1)] | None = None
 
     @model_validator(mode="after")
-    def _consistent(self) -> SplitConfig:
+    def _consistent(self) -> Self:
         if self.column is not None and self.test_fraction is not None:
             raise PydanticCustomError("split", "give 'column' or 'test_fraction', not both")
         for label in self.train:
@@ -135,7 +133,7 @@ class MeasurementConfig(Strict):
         return data
 
     @model_validator(mode="after")
-    def _scene(self) -> MeasurementConfig:
+    def _scene(self) -> Self:
         given = [name for name in ("camera", "target", "camera_pose") if getattr(self, name) is not None]
         if self.is_camera and (self.camera is None or self.target is None):
             raise PydanticCustomError("scene", "a pixel measurement needs 'camera' and 'target', files of theirs")
@@ -168,7 +166,7 @@ class PlaceConfig(Strict):
         return self.place == "unknown"
 
     @model_validator(mode="after")
-    def _unknown(self) -> PlaceConfig:
+    def _unknown(self) -> Self:
         if self.near is not None and self.place != "unknown":
             raise PydanticCustomError("place", "'near' belongs to 'place: unknown'")
         if self.per is not None and not self.to_be_found:
@@ -222,7 +220,7 @@ class TargetConfig(PlaceConfig):
         return self.place == "unknown" or any(not isinstance(xyz, list) for xyz in self.points.values())
 
     @model_validator(mode="after")
-    def _sensible(self) -> TargetConfig:
+    def _sensible(self) -> Self:
         if self.file is not None and (self.points or self.axes):
             raise PydanticCustomError("target", "give the points in 'file' or here, not both")
         if self.board is not None and (self.file is not None or self.points):
@@ -269,7 +267,7 @@ class ObservationConfig(Strict):
     value: float | list[float] | None = None
 
     @model_validator(mode="after")
-    def _known(self) -> ObservationConfig:
+    def _known(self) -> Self:
         if self.value is not None and self.data is not None:
             raise PydanticCustomError("value", "a known 'value' has no 'data'")
         return self

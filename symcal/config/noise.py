@@ -1,8 +1,6 @@
 """Noise in files: a number for each quantity that registered kinds of instrument measure."""
 
-from __future__ import annotations
-
-from typing import Annotated
+from typing import Annotated, Self
 
 from pydantic import AfterValidator, ConfigDict, Field, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError, PydanticKnownError
@@ -37,7 +35,7 @@ class ByQuantity(Strict):
     __pydantic_extra__: dict[str, NotNegative] = Field(init=False)
 
     @model_validator(mode="after")
-    def _measured(self) -> ByQuantity:
+    def _measured(self) -> Self:
         for name in self.__pydantic_extra__:
             if name not in quantities():
                 message = "nothing measures '{name}': quantities are {known}"

@@ -3,9 +3,7 @@
 Numbers here are still in the file's units; `symcal.planning.plan_problem` converts them.
 """
 
-from __future__ import annotations
-
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,7 +78,7 @@ class PlacementConfig(Strict):
     frame: Frame | None = None
 
     @model_validator(mode="after")
-    def _one_way(self) -> PlacementConfig:
+    def _one_way(self) -> Self:
         looking = self.position is not None and self.look_at is not None
         partly = self.position is not None or self.look_at is not None
         if looking == (self.frame is not None) or (partly and not looking):
@@ -112,7 +110,7 @@ class TargetShape(Strict):
     mount: Frame = Frame.model_construct()
 
     @model_validator(mode="after")
-    def _one_shape(self) -> TargetShape:
+    def _one_shape(self) -> Self:
         if (self.triangle is None) == (self.points is None):
             raise PydanticCustomError("target", "a target is a 'triangle' (side) or named 'points': give one")
         return self
@@ -139,7 +137,7 @@ class CameraConstraint(Strict):
     incidence: _Positive | None = None
 
     @model_validator(mode="after")
-    def _one_source(self) -> CameraConstraint:
+    def _one_source(self) -> Self:
         inline = self.width is not None and self.height is not None and (self.intrinsics is None) != (self.lens is None)
         touched = any(v is not None for v in (self.width, self.height, self.intrinsics, self.lens))
         if touched == (self.file is not None) or (touched and not inline):
@@ -189,7 +187,7 @@ class CoverageConfig(Strict):
     share: _Share = 1.0
 
     @model_validator(mode="after")
-    def _one_kind(self) -> CoverageConfig:
+    def _one_kind(self) -> Self:
         if (self.joints is None) == (self.position is None):
             raise PydanticCustomError("coverage", "give cells by 'joints' or of the 'position'")
         return self

@@ -4,9 +4,7 @@ Robot, measurement, working area, initial pose, true errors, noise and test pose
 here are still in the file's units.
 """
 
-from __future__ import annotations
-
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import Field
 
@@ -101,7 +99,7 @@ class StudyConfig(Strict):
     unregularised: Annotated[int, Field(ge=10, le=MOST)] = 60
     quick: bool = False
 
-    def sized(self) -> StudyConfig:
+    def sized(self) -> Self:
         """The study that is run: this one, or its small version if `quick`."""
         if not self.quick:
             return self

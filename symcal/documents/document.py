@@ -35,7 +35,8 @@ class Strict(BaseModel):
     """Base of every file schema: unknown keys refused, no coercion of strings to numbers, NaN and infinity refused.
 
     Schemas are built when a file is read with them (`defer_build`). So that none is built earlier, a default that is a
-    model is written `Model.model_construct()`.
+    model is written `Model.model_construct()`. Schemas go without `from __future__ import annotations`: types would be
+    texts that pydantic has to read back, and the modules would take a third longer to load.
     """
 
     model_config = ConfigDict(

@@ -8,17 +8,19 @@ from dataclasses import dataclass
 from typing import Any
 
 import matplotlib
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 
 from symcal.calibration.evaluate import Errors
 
 Comparison = Mapping[str, Mapping[str, Errors]]
 """Errors by part of the data (`train`, `test`, `cross_validation`, ...) and by state (`before`, `after`, ...)."""
 
-PIXELS_PER_INCH = 150
+_DOTS_PER_INCH = 150  # on which texts are laid out
 NARROW, WIDE = 85.0, 170.0
 """Widths of one and of two columns of a page, mm."""
 
@@ -143,31 +145,61 @@ def print_settings(truetype: bool = False) -> Iterator[None]:
 def sheet(width: float, height: float) -> Figure:
     """An empty figure of a size in mm, outside matplotlib's global state.
 
-    It is laid out on the canvas that its pixels are drawn on, so that no text is measured twice for the two.
+    Its texts are measured on a canvas of pixels, from which `symcal.plots.save` takes it to one of vectors.
     """
-    figure = Figure(figsize=(width / 25.4, height / 25.4), dpi=PIXELS_PER_INCH, layout="constrained")
+    figure = Figure(figsize=(width / 25.4, height / 25.4), dpi=_DOTS_PER_INCH, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def settle(figure: Figure) -> Figure:
-    """Lay the figure out once and for all, so that writing it in several formats does not do it again."""
+    """Lay the figure out once and for all, so that writing it does not do it again."""
     for axis in _straight(figure):
         if not axis.label.get_text():  # matplotlib would look for its place among the numbers nonetheless
             axis.set_label_coords(0.5, 0.5)
     engine = figure.get_layout_engine()
     if engine is not None:
-        with print_settings():
+        with print_settings(), _margins_remembered(figure):
             engine.execute(figure)
     figure.set_layout_engine("none")
     return figure
 
 
-def hold_labels(figure: Figure) -> None:
-    """Leave the names of axes where they were drawn, so that drawing again does not look for their places again."""
-    for axis in _straight(figure):
-        x, y = axis.label.get_transform().transform(axis.label.get_position())
-        axis.set_label_coords(*axis.axes.transAxes.inverted().transform((x, y)))
+@contextmanager
+def _margins_remembered(figure: Figure) -> Iterator[None]:
+    """Axes measure what stands around them once, and again only where their ticks have changed: the layout asks twice,
+    before and after it has moved them, and most of its time goes into the sizes of texts. Not axes that have their
+    place within the room that the layout gives them (images, bars of colours)."""
+    each = {axis.axes for axis in _straight(figure)}
+    each = {axes for axes in each if axes.get_aspect() == "auto" and axes.get_axes_locator() is None}
+    for axes in each:
+        vars(axes)["get_tightbbox"] = _Remembering(axes)
+    try:
+        yield
+    finally:
+        for axes in each:
+            del vars(axes)["get_tightbbox"]
+
+
+class _Remembering:
+    """`Axes.get_tightbbox` of axes, from their frame and the margins found before as long as their ticks are the
+    same."""
+
+    def __init__(self, axes: Axes) -> None:
+        self.measure, self.axes = axes.get_tightbbox, axes
+        self.ticks: list[Any] = []
+        self.margins = np.zeros((2, 2))
+
+    def __call__(self, *args: Any, **options: Any) -> Bbox | None:
+        axes = self.axes
+        ticks = [axis.get_ticklocs(minor=m).tolist() for axis in (axes.xaxis, axes.yaxis) for m in (False, True)]
+        if ticks != self.ticks:
+            found = self.measure(*args, **options)
+            if found is None:
+                return None
+            self.ticks, self.margins = ticks, found.get_points() - axes.bbox.get_points()
+            return found
+        return Bbox(axes.bbox.get_points() + self.margins)
 
 
 def _straight(figure: Figure) -> Iterator[Axis]:

@@ -4,8 +4,6 @@ Whatever else a run puts there is kept as it is. A key that is missing is of an 
 so. One that is there is what it should be, whoever edited the file.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field

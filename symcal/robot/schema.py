@@ -3,12 +3,10 @@
 Angles and lengths here are still in the file's units; `symcal.robot.robot` converts them.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +81,7 @@ class Frame(Strict):
     quat_xyzw: Annotated[_Quaternion | None, BeforeValidator(_given)] = None
 
     @model_validator(mode="after")
-    def _one_rotation(self) -> Frame:
+    def _one_rotation(self) -> Self:
         if self.rpy is not None and self.quat_xyzw is not None:
             raise PydanticCustomError("frame", "a frame has 'rpy' or 'quat_xyzw', not both")
         return self

@@ -1,7 +1,5 @@
 """Joint terms, masses, gravity and remainder as a robot file says them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal

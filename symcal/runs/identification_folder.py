@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -79,7 +80,6 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
 
 def _drawings(outcome: Outcome) -> tuple[Drawing, ...]:
     """The figures of the run's report, in its order."""
-    from symcal.images.figures import example_images, image_figures
     from symcal.plots.extension import beyond_geometry
     from symcal.plots.halves import halves_map
     from symcal.plots.handover import handover_drawings
@@ -99,11 +99,14 @@ def _drawings(outcome: Outcome) -> tuple[Drawing, ...]:
     if outcome.handover is not None:
         drawings += handover_drawings(outcome.handover)
     images = outcome.images
-    if images is not None:
-        drawings += (lambda: image_figures(images),)
     examples = [example for entry in outcome.measured_in for example in entry.examples]
-    if examples:
-        drawings += (drawing(example_images, examples),)
+    if images is not None or examples:
+        from symcal.images.figures import example_images, image_figures
+
+        if images is not None:
+            drawings += (partial(image_figures, images),)
+        if examples:
+            drawings += (drawing(example_images, examples),)
     return drawings
 
 

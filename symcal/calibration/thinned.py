@@ -53,8 +53,8 @@ def listed_notes(data: Dataset) -> list[str]:
     if most <= LISTED:
         return []
     return [
-        f"errors.csv lists {LISTED} of the {most} poses, evenly spread; rms, mean, p95 and max are of all, and outliers "
-        "are looked for among all"
+        f"errors.csv lists {LISTED} of the {most} poses, evenly spread; rms, mean, p95 and max are of all, and "
+        "outliers are looked for among all"
     ]
 
 

@@ -25,8 +25,9 @@ _MANY = 12  # points of a target, beyond which people want to see poses
 def tables(
     content: Mapping[str, Any], calibration: Calibration, data: Dataset, errors: Mapping[str, Mapping[str, Errors]]
 ) -> dict[str, Rows]:
-    """Parameters, accuracy, errors per observation (per pose of targets with many points; of very many poses as `listed`), correlation, outliers, the
-    corrections as a controller asks for them, what residuals were tested for, and halves of the training poses.
+    """Parameters, accuracy, errors per observation (per pose of targets with many points; some of very many poses, see
+    `listed`), correlation, outliers, the corrections as a controller asks for them, what residuals were tested for, and
+    halves of the training poses.
 
     Args:
         content: of results.json. errors: by data (`train`, `test`) and state.

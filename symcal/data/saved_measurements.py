@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Sequence
-from io import StringIO
+from io import BytesIO, StringIO
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +42,9 @@ def save_measurements(data: Dataset, robot: Robot, path: Path | str, head_lines:
     z = data.z.reshape(len(data), len(features), size)
     sigma = None if data.sigma is None else data.sigma.reshape(len(data), len(features), width)
     pose, place = np.nonzero(np.isfinite(z).any(axis=2))
-    written = [*(f"# {' '.join(line.split())}\n" for line in head_lines), _csv([[*head, "split"]])]
+    written = BytesIO()  # which gives its bytes away without copying them
+    written.writelines(f"# {' '.join(line.split())}\n".encode() for line in head_lines)
+    written.write(_csv([[*head, "split"]]))
     for first in range(0, len(pose), _AT_ONCE):
         own, which = pose[first : first + _AT_ONCE], place[first : first + _AT_ONCE]
         read = [q[own], *(values[own] for values in conditions.values())]
@@ -50,14 +52,14 @@ def save_measurements(data: Dataset, robot: Robot, path: Path | str, head_lines:
         points = [[features[k] for k in which.tolist()]] if named else []
         poses = own.tolist()
         names, splits = ([of[i] for i in poses] for of in (data.labels, data.split))
-        written.append(_csv(zip(names, *_cells(read), *points, *_cells(measured), splits, strict=True)))
-    write_whole(path, "".join(written))
+        written.write(_csv(zip(names, *_cells(read), *points, *_cells(measured), splits, strict=True)))
+    write_whole(path, written.getvalue())
 
 
-def _csv(rows: Iterable[Iterable[object]]) -> str:
+def _csv(rows: Iterable[Iterable[object]]) -> bytes:
     text = StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue()
+    return text.getvalue().encode()
 
 
 def _cells(values: Sequence[NDArray[np.float64]]) -> list[list[float | str]]:

@@ -10,7 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from symcal.documents.table import LARGEST, Table, joint_readings, read_table
+from symcal.documents import csv_file
+from symcal.documents.csv_file import read_table
+from symcal.documents.table import LARGEST, Table, joint_readings
 from symcal.errors import InputError
 from symcal.units import LENGTH
 
@@ -58,6 +60,61 @@ def check_good(table: Table) -> None:
 )
 def test_layouts_of_the_same_table(write, text):
     check_good(read_table(write(text)))
+
+
+@pytest.mark.parametrize("piece", [30, 31, 32, 33, 34, 50, 10_000])
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_a_table_is_the_same_in_pieces_of_any_size(write, piece, end):
+    rows = [
+        "\ufeffpose,q1_deg,q2_mm,x_m",
+        "# Grüße",
+        'A,1,2.5,"3"',
+        "",
+        " B , -1e1 ,+.5,7.",
+        ",,,",
+        "Ü,0,0,1",
+        "#D,1,2,3",
+    ]
+    found = read_table(write(end.join(rows) + end), piece=piece)
+    assert found.text("pose") == ["A", "B", "Ü"]
+    assert list(found.lines) == [3, 5, 7]
+    assert found.hidden == 1
+    numbers = np.column_stack([found.numbers(c) for c in ("q1_deg", "q2_mm", "x_m")])
+    np.testing.assert_array_equal(numbers, [[1, 2.5, 3], [-10, 0.5, 7], [0, 0, 1]])
+    assert found.where({"pose": "B"}).text("x_m") == ["7."]
+    assert list(found.where({"pose": "B"}).lines) == [5]
+    assert found.with_compound("name", ("pose", "x_m")).text("name") == ["A/3", "B/7.", "Ü/1"]
+
+
+@pytest.mark.parametrize(
+    ("row", "line", "words"),
+    [
+        (b"A,1", 6, "this row has 2 cells, the header 4"),
+        (b'A,1,"2,3', 6, "not a line of a CSV file"),
+        (b"A,1,\x01,3", 6, "a control character"),
+        (b"A,1,2-3,3", 6, "not a finite number"),
+        (b"A,1,,3", 6, "an empty cell"),
+        (b"A,1,\xff,3", None, "byte 0xff in position 86"),
+        (b"A,1,2," + b"3" * 100, None, "a line of more than 40 bytes"),
+    ],
+)
+def test_a_slip_in_a_later_piece_is_named_at_its_place(write, row, line, words):
+    good = b"pose,q1_deg,q2_mm,x_m\n" + b"A,1.25,100.5,0\n" * 4
+    with pytest.raises(InputError, match=words) as caught:
+        values(read_table(write(good + row + b"\nA,1,2,3\n"), piece=40))
+    assert caught.value.line == line
+
+
+def test_a_table_has_a_largest_size(write, monkeypatch):
+    path = write("x_mm,y_mm\n" + "1,2\n" * 10)
+    monkeypatch.setattr(csv_file, "_MOST_CELLS", 20)
+    assert len(read_table(path)) == 10
+    monkeypatch.setattr(csv_file, "_MOST_CELLS", 19)
+    with pytest.raises(InputError, match="10 rows or more, of 2 cells each; at most 10000000 rows and 19 cells"):
+        read_table(path)
+    monkeypatch.setattr(csv_file, "_MOST_ROWS", 9)
+    with pytest.raises(InputError, match="at most 9 rows"):
+        read_table(path)
 
 
 def test_decimal_commas_are_read_when_said(write):

@@ -43,8 +43,13 @@ def header(name: str, title: str | None, seed: int, inputs: Iterable[Path], base
         "title": title or name,
         "seed": seed,
         "versions": {"python": platform.python_version(), **{name: version(name) for name in _LIBRARIES}},
-        "inputs": {_shown(path.resolve(), base): hashlib.sha256(path.read_bytes()).hexdigest() for path in inputs},
+        "inputs": {_shown(path.resolve(), base): _digest(path) for path in inputs},
     }
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _shown(path: Path, base: Path) -> str:

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal import spatial
-from symcal.documents.table import Table, joint_readings, read_table
+from symcal.documents.csv_file import read_table
+from symcal.documents.table import Table, joint_readings
 from symcal.errors import InputError, RefusedError
 from symcal.kernels.batch import batch_function
 from symcal.kinematics import Chain, chain, frame_vector, function

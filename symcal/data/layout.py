@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from symcal.documents.table import Table, read_table
+from symcal.documents.csv_file import read_table
+from symcal.documents.table import Table
 from symcal.errors import InputError
 
 

@@ -192,8 +192,9 @@ def _read_long(
         message = f"{len(place)} poses of {len(names)} points: are 'pose' and 'point' what tells them apart?"
         raise InputError(message, file=table.path, line=table.head_line)
     which = _of_points(table, points, names)
-    moved = np.abs(q - q[firsts[of_row]]).max(axis=1, initial=0.0) > 1e-9
-    for row in np.flatnonzero(moved):
+    more = np.flatnonzero(firsts[of_row] != np.arange(len(table)))
+    moved = np.abs(q[more] - q[firsts[of_row[more]]]).max(axis=1, initial=0.0) > 1e-9
+    for row in more[moved]:
         i = of_row[row]
         message = f"pose {labels[i]!r} has other joint readings here than in line {table.lines[firsts[i]]}"
         raise InputError(message, file=table.path, line=table.lines[row], column="pose")

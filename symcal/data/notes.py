@@ -66,16 +66,17 @@ def _still(data: Dataset, robot: Robot) -> list[str]:
 
 
 def _twins(data: Dataset) -> list[str]:
-    first: dict[tuple[float, ...], str] = {}
-    twins = []
-    postures = np.column_stack([data.q, *data.conditions.values()])
-    for label, row in zip(data.labels, map(tuple, postures.tolist()), strict=True):
-        if row in first:
-            twins.append(f"{first[row]} and {label}")
-        first.setdefault(row, label)
-    if not twins:
+    postures = np.column_stack([data.q, *data.conditions.values()]).T
+    order = np.lexsort(postures)  # keeps the order of equal ones
+    again = np.zeros(len(data), dtype=np.bool_)
+    again[1:] = np.all([row[order[1:]] == row[order[:-1]] for row in postures], axis=0)
+    first = np.empty(len(data), dtype=np.intp)
+    first[order] = order[np.maximum.accumulate(np.where(again, 0, np.arange(len(data))))]
+    twins = np.sort(order[again])
+    if not len(twins):
         return []
-    shown = ", ".join(twins[:_SHOWN]) + (", ..." if len(twins) > _SHOWN else "")
+    pairs = [f"{data.labels[first[i]]} and {data.labels[i]}" for i in twins[:_SHOWN]]
+    shown = ", ".join(pairs) + (", ..." if len(twins) > _SHOWN else "")
     verb = "repeats" if len(twins) == 1 else "repeat"
     return [f"{plural(len(twins), 'pose')} {verb} the joint readings of another ({shown}): taken as measured again"]
 

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
-from io import StringIO
-from math import isfinite
+from collections.abc import Iterable, Sequence
+from io import BytesIO, StringIO
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symcal.data.conditions import written_conditions
 from symcal.data.dataset import Dataset
 from symcal.outputs.whole_file import write_whole
 from symcal.robot.robot import Robot
+
+_AT_ONCE = 10_000  # rows of the table, whose numbers are objects for a while
 
 
 def save_measurements(data: Dataset, robot: Robot, path: Path | str, head_lines: Sequence[str] = ()) -> None:
@@ -29,35 +31,43 @@ def save_measurements(data: Dataset, robot: Robot, path: Path | str, head_lines:
     q = np.where([joint.revolute for joint in robot.joints], np.rad2deg(data.q), data.q)
     conditions = written_conditions(data, robot)
     head += conditions
-    rows: list[list[object]] = []
     kind = data.only.instrument
     size, width = len(kind.columns), sum(quantity.size for quantity in kind.quantities)
     named = kind.reads != "frame"
     head += ["point"] if named else []
     head += [name if unit is None else f"{name}_{unit}" for name, unit in kind.file_columns]
-    features = data.only.features or ("",)
-    read = np.asarray(np.isfinite(data.z).reshape(len(data), len(features), size).any(axis=2))
-    joints, z, given = q.tolist(), data.z.tolist(), [[float(v) for v in values] for values in conditions.values()]
-    sigma = None if data.sigma is None else data.sigma.tolist()
-    for i in range(len(data)):
-        for k, name in enumerate(features):
-            if read[i, k]:
-                cells = z[i][size * k :][: len(kind.file_columns)]
-                cells += [] if sigma is None else sigma[i][width * k : width * (k + 1)]
-                own = [values[i] for values in given]
-                rows.append([data.labels[i], *joints[i], *own, *([name] if named else []), *cells, data.split[i]])
     if data.sigma is not None:
         head += [f"{name}_{quantity.unit}" for quantity in kind.quantities for name in quantity.sigma_columns]
+    features = data.only.features or ("",)
+    z = data.z.reshape(len(data), len(features), size)
+    sigma = None if data.sigma is None else data.sigma.reshape(len(data), len(features), width)
+    pose, place = np.nonzero(np.isfinite(z).any(axis=2))
+    written = BytesIO()  # which gives its bytes away without copying them
+    written.writelines(f"# {' '.join(line.split())}\n".encode() for line in head_lines)
+    written.write(_csv([[*head, "split"]]))
+    for first in range(0, len(pose), _AT_ONCE):
+        own, which = pose[first : first + _AT_ONCE], place[first : first + _AT_ONCE]
+        read = [q[own], *(values[own] for values in conditions.values())]
+        measured = [z[own, which][:, : len(kind.file_columns)], *(() if sigma is None else (sigma[own, which],))]
+        points = [[features[k] for k in which.tolist()]] if named else []
+        poses = own.tolist()
+        names, splits = ([of[i] for i in poses] for of in (data.labels, data.split))
+        written.write(_csv(zip(names, *_cells(read), *points, *_cells(measured), splits, strict=True)))
+    write_whole(path, written.getvalue())
+
+
+def _csv(rows: Iterable[Iterable[object]]) -> bytes:
     text = StringIO()
-    text.writelines(f"# {' '.join(line.split())}\n" for line in head_lines)
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*head, "split"])
-    writer.writerows([[_cell(c) for c in row] for row in rows])
-    write_whole(path, text.getvalue())
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue().encode()
 
 
-def _cell(value: object) -> object:
-    """A number with all its digits; nothing where nothing was measured."""
-    if not isinstance(value, float):
-        return value
-    return repr(value) if isfinite(value) else ""
+def _cells(values: Sequence[NDArray[np.float64]]) -> list[list[float | str]]:
+    """Columns of numbers, which are written with all their digits; nothing where nothing was measured."""
+    found: list[list[float | str]] = []
+    for column in np.column_stack(values).T:
+        cells: list[float | str] = column.tolist()
+        for i in np.flatnonzero(~np.isfinite(column)).tolist():
+            cells[i] = ""
+        found.append(cells)
+    return found

@@ -1,10 +1,9 @@
-"""CSV files read strictly: every cell keeps its line, every column its unit, and what cannot be read is named."""
+"""Tables of text cells: every cell keeps its line, every column its unit, and what cannot be read is named."""
 
 from __future__ import annotations
 
-import csv
 import re
-from collections import Counter
+from array import array
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
@@ -13,46 +12,45 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.documents.read import CONTROL, TABLE_LIMIT, read_text
 from symcal.errors import InputError
 from symcal.units import ANGLE, LENGTH, PIXEL, split_unit
 
 Array = NDArray[np.float64]
 
-_DELIMITERS = (",", ";", "\t")
 _DIGITS = 400  # of a number; 1e-308 written out has 324
-_MOST_ROWS, _MOST_COLUMNS, _MOST_CELLS = 250_000, 10_000, 4_000_000
+_PLAIN = b"0123456789+-.eE\n"  # where there is nothing else, float() takes what `NUMBER` takes, but for length
 
 LARGEST = 1e12
 """Beyond this a cell is no length, angle or pixel, in whatever unit: its powers would overflow."""
 
 _NAMED = 5  # rows named one by one in a message
-_NUMBER = re.compile(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?")  # float() would also take 1_000 and nan
+NUMBER = re.compile(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?")
+"""A number; float() would also take 1_000 and nan."""
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A CSV file as text cells.
+    """Text cells of a CSV file.
 
-    columns: header names. lines, head_line: where in the file every row and the header stand. hidden: lines with as
-        many cells that begin with '#' and are therefore no rows.
+    columns: header names. cells: of every column, in pieces of consecutive rows, a line feed between two. lines,
+        head_line: where in the file every row and the header stand. hidden: lines with as many cells that begin with
+        '#' and are therefore no rows.
     """
 
     path: Path
     columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    lines: tuple[int, ...]
+    cells: tuple[tuple[str, ...], ...]
+    lines: range | array[int]
     head_line: int = 1
     decimal: str = "."
     hidden: int = 0
 
     def __len__(self) -> int:
-        return len(self.rows)
+        return len(self.lines)
 
     def text(self, column: str) -> list[str]:
         """The cells of a column."""
-        i = self.columns.index(column)
-        return [row[i] for row in self.rows]
+        return [cell for piece in self.cells[self.columns.index(column)] for cell in piece.split("\n")]
 
     def numbers(self, column: str, factor: float = 1.0, *, empty: bool = False) -> Array:
         """A column as numbers times ``factor``, shape (rows,).
@@ -62,15 +60,14 @@ class Table:
         Raises:
             InputError: a cell is not a finite number; names the lines.
         """
-        cells = self.text(column)
-        plain = cells if self.decimal == "." else [c.replace(".", "?").replace(self.decimal, ".") for c in cells]
-        number = _NUMBER.fullmatch
-        values = np.array([float(cell) if len(cell) <= _DIGITS and number(cell) else np.nan for cell in plain])
+        pieces = [_numbers(piece, self.decimal) for piece in self.cells[self.columns.index(column)]]
+        values = np.concatenate(pieces) if pieces else np.zeros(0)
         wrong = np.flatnonzero(~(np.abs(values) <= LARGEST)).tolist()
+        cells = self.text(column) if wrong else []
         bad = [i for i in wrong if cells[i]] if empty else wrong
         if bad:
             cell = cells[bad[0]]
-            comma = self.decimal == "." and "," in cell and _NUMBER.fullmatch(cell.replace(",", ".", 1))
+            comma = self.decimal == "." and "," in cell and NUMBER.fullmatch(cell.replace(",", ".", 1))
             problem = (
                 "an empty cell"
                 if not cell
@@ -136,9 +133,17 @@ class Table:
             if not kept:
                 message = f"no row has '{value}' under '{column}'"
                 raise InputError(message, file=self.path, found=value, allowed=dict.fromkeys(cells))
-            rows, lines = tuple(table.rows[i] for i in kept), tuple(table.lines[i] for i in kept)
-            table = replace(table, rows=rows, lines=lines)
+            if len(kept) < len(cells):
+                table = table._take(kept)
         return table
+
+    def _take(self, rows: Sequence[int]) -> Table:
+        """Some rows, in their order."""
+        chosen = []
+        for column in self.columns:
+            cells = self.text(column)
+            chosen.append(("\n".join([cells[i] for i in rows]),))
+        return replace(self, cells=tuple(chosen), lines=array("q", [self.lines[i] for i in rows]))
 
     def with_compound(self, name: str, parts: Sequence[str]) -> Table:
         """With a column more, made of the cells of several: `front/0`.
@@ -150,16 +155,14 @@ class Table:
             if part not in self.columns:
                 message = f"'columns:' makes '{name}' of a column that the file does not have"
                 raise InputError(message, file=self.path, line=self.head_line, found=part, allowed=self.columns)
-        cells = zip(*(self.text(part) for part in parts), strict=True)
-        own = [i for i, column in enumerate(self.columns) if column != name]
-        rows = [(*(row[i] for i in own), "/".join(cell)) for row, cell in zip(self.rows, cells, strict=True)]
-        return replace(self, columns=(*(self.columns[i] for i in own), name), rows=tuple(rows))
+        made = "\n".join(map("/".join, zip(*(self.text(part) for part in parts), strict=True)))
+        own = self.without(name)
+        return replace(own, columns=(*own.columns, name), cells=(*own.cells, (made,)))
 
     def without(self, column: str) -> Table:
         """Without a column."""
         own = [i for i, name in enumerate(self.columns) if name != column]
-        rows = tuple(tuple(row[i] for i in own) for row in self.rows)
-        return replace(self, columns=tuple(self.columns[i] for i in own), rows=rows)
+        return replace(self, columns=tuple(self.columns[i] for i in own), cells=tuple(self.cells[i] for i in own))
 
     def missing(self, what: str, stems: Sequence[str], kinds: Iterable[str]) -> InputError:
         """The error for a quantity that no column gives, with the columns that come closest."""
@@ -173,89 +176,18 @@ class Table:
         return InputError(message, file=self.path, line=self.head_line, found=", ".join(self.columns))
 
 
-def read_table(
-    path: Path | str,
-    columns: Mapping[str, str] | None = None,
-    *,
-    delimiter: str | None = None,
-    decimal: str = ".",
-) -> Table:
-    """Read a CSV file with one header line; lines that start with '#' and empty ones are passed over.
-
-    Args:
-        columns: canonical name -> name in the file, for columns that are called otherwise there.
-        delimiter: found from the header when None: comma, semicolon or tab. decimal: the decimal sign of the file.
-    Raises:
-        InputError: no such file, not text, no header, a name twice, a mapped column that is not there, a row of
-        another length, or more rows or cells than are read.
-    """
-    path = Path(path)
-    text = read_text(path, TABLE_LIMIT, "utf-8-sig")
-    text = text.replace("\r\n", "\n").replace("\r", "\n")
-    odd = CONTROL.search(text)
-    if odd:
-        line = text.count("\n", 0, odd.start()) + 1
-        raise InputError("a control character in the text: is this a CSV file?", file=path, line=line)
-    lines = text.split("\n")
-    content = [(i, line) for i, line in enumerate(lines, start=1) if line.strip() and not line.lstrip().startswith("#")]
-    if not content:
-        raise InputError("the file is empty", file=path)
-    delimiter = delimiter or max(_DELIMITERS, key=content[0][1].count)
-    count, cells = len(content) - 1, text.count(delimiter) + len(content)
-    if count > _MOST_ROWS or cells > _MOST_CELLS:
-        limits = f"at most {_MOST_ROWS} rows and {_MOST_CELLS} cells are read: take every n-th pose"
-        raise InputError(f"the table has {count} rows and {cells} cells; {limits}", file=path)
-    parsed = [(number, _cells(path, number, line, delimiter)) for number, line in content]
-    (head_line, header), rows = parsed[0], [(number, row) for number, row in parsed[1:] if any(row)]
-    if len(header) > _MOST_COLUMNS:
-        raise InputError(f"the table has {len(header)} columns: at most {_MOST_COLUMNS} are read", file=path)
-    if all(_NUMBER.fullmatch(name) for name in header):
-        message = "the first line must name the columns, each with its unit: here it is numbers"
-        raise InputError(message, file=path, line=head_line)
-    for number, row in rows:
-        if len(row) != len(header):
-            message = f"this row has {len(row)} cells, the header {len(header)}"
-            raise InputError(message, file=path, line=number)
-    hidden = sum(line.lstrip().startswith("#") and line.count(delimiter) == len(header) - 1 > 0 for line in lines)
-    named = [i for i, name in enumerate(header) if name or any(row[i] for _, row in rows)]  # spreadsheets leave ',,'
-    header = tuple(header[i] for i in named)
-    times = Counter(header)
-    for name in header:
-        if not name or times[name] > 1:
-            message = "two columns have this name" if name else "a column without a name"
-            raise InputError(message, file=path, line=head_line, found=name or None)
-    return Table(
-        path,
-        _renamed(path, head_line, header, columns or {}),
-        tuple(tuple(row[i] for i in named) for _, row in rows),
-        tuple(number for number, _ in rows),
-        head_line,
-        decimal,
-        hidden,
-    )
-
-
-def _cells(path: Path, number: int, line: str, delimiter: str) -> tuple[str, ...]:
-    try:
-        (row,) = csv.reader([line], delimiter=delimiter, strict=True)
-    except csv.Error as error:
-        raise InputError(f"not a line of a CSV file: {error}", file=path, line=number) from None
-    return tuple(cell.strip() for cell in row)
-
-
-def _renamed(path: Path, line: int, header: Sequence[str], columns: Mapping[str, str]) -> tuple[str, ...]:
-    for canonical, name in columns.items():
-        if name not in header:
-            message = f"'columns:' maps '{canonical}' to a column that the file does not have"
-            raise InputError(message, file=path, line=line, found=name, allowed=header)
-    back = {name: canonical for canonical, name in columns.items()}
-    renamed = tuple(back.get(name, name) for name in header)
-    for name in columns:
-        if renamed.count(name) > 1:
-            raise InputError(
-                "'columns:' gives this name to a column, and another has it", file=path, line=line, found=name
-            )
-    return renamed
+def _numbers(piece: str, decimal: str) -> Array:
+    """Consecutive cells of a column as numbers; NaN where a cell is none."""
+    if decimal != ".":
+        piece = piece.replace(".", "?").replace(decimal, ".")
+    cells = piece.split("\n")
+    if piece.isascii() and not piece.encode().translate(None, _PLAIN) and max(map(len, cells)) <= _DIGITS:
+        try:
+            return np.fromiter(map(float, cells), np.float64, len(cells))
+        except ValueError:  # something like '1-2', or an empty cell
+            pass
+    number = NUMBER.fullmatch
+    return np.array([float(cell) if len(cell) <= _DIGITS and number(cell) else np.nan for cell in cells])
 
 
 def joint_readings(table: Table, joints: Iterable[tuple[str, bool]], measured: Collection[str] = ()) -> Array:
@@ -286,4 +218,4 @@ def joint_readings(table: Table, joints: Iterable[tuple[str, bool]], measured: C
     return np.column_stack(out) if out else np.zeros((len(table), 0))
 
 
-__all__ = ["ANGLE", "LENGTH", "PIXEL", "Table", "joint_readings", "read_table"]
+__all__ = ["ANGLE", "LENGTH", "PIXEL", "Table", "joint_readings"]

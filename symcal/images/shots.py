@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from symcal.data.conditions import read_conditions
 from symcal.data.split import Split, splits
-from symcal.documents.table import joint_readings, read_table
+from symcal.documents.csv_file import read_table
+from symcal.documents.table import joint_readings
 from symcal.errors import InputError
 from symcal.robot.robot import Robot
 from symcal.vision.images import read_image

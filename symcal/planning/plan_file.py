@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.documents.table import joint_readings, read_table
+from symcal.documents.csv_file import read_table
+from symcal.documents.table import joint_readings
 from symcal.errors import InputError
 from symcal.outputs.whole_file import write_whole
 from symcal.planning.path import Path as Motion

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal import spatial
-from symcal.documents.table import joint_readings, read_table
+from symcal.documents.csv_file import read_table
+from symcal.documents.table import joint_readings
 from symcal.errors import InputError
 from symcal.kernels import BatchFunction, batch_function
 from symcal.planning.area import Feasible, Mask, WorkingArea, draw

@@ -22,7 +22,8 @@ from symcal.words import number, plural
 def convergence(
     calibration: Calibration, parts: Mapping[str, Dataset], places: HeldOutPlaces | None = None
 ) -> Illustration:
-    """Rms error after every accepted step; places that only held-out poses tell are fitted to these at each.
+    """Rms error after every accepted step, over some of very many poses; places that only held-out poses tell are
+    fitted to these at each.
 
     Args:
         parts: the measurements of `train`, and of `test` if there are any. places: what the held-out poses told of the
@@ -30,7 +31,7 @@ def convergence(
     """
     fit = calibration.after
     places = places or held_out_places(calibration.states["after"], parts.get("test"))
-    judging = {part: data for part, data in parts.items() if part in ("train", "test") and len(data)}
+    judging = {part: data.few() for part, data in parts.items() if part in ("train", "test") and len(data)}
     errors = {part: _along(calibration, data, places, held_out=part == "test") for part, data in judging.items()}
     curves = {part: np.array([rms(each) for each in path]) for part, path in errors.items()}
     last = errors["train"][-1]
@@ -67,8 +68,9 @@ def convergence(
     train = curves["train"]
     fall = float(train[0] - train[-1])
     enough = int(np.argmax(train <= train[-1] + 0.01 * fall))
+    which = _which(parts["train"], judging["train"])
     caption = (
-        f"Rms {last.title} over the training poses: {number(float(train[0]))} {last.unit} at the start (nominal, "
+        f"Rms {last.title} over {which}: {number(float(train[0]))} {last.unit} at the start (nominal, "
         f"frames fitted), {number(float(train[-1]))} {last.unit} after {plural(int(steps[-1]), 'accepted step')}"
         + (f", 99 % of the way after {enough}" if fall > 0 else "")
         + ("; at each the places of the held-out poses are fitted to these anew" if places.settled else "")
@@ -76,6 +78,12 @@ def convergence(
         f"The last word: {fit.message}."
     )
     return Illustration(settle(figure), "convergence", "Convergence", caption)
+
+
+def _which(train: Dataset, judging: Dataset) -> str:
+    if len(judging) == len(train):
+        return "the training poses"
+    return f"{len(judging)} of the {len(train)} training poses, evenly spread"
 
 
 def _along(calibration: Calibration, data: Dataset, places: HeldOutPlaces, *, held_out: bool) -> list[Errors]:

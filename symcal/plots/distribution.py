@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from symcal.calibration.evaluate import Errors
+from symcal.data.dataset import evenly
 from symcal.plots.panels import SHOWN, far_apart, legend, logarithmic, opening, quantity
 from symcal.plots.style import INK, LOOKS, PARTS, WIDE, Illustration, grid, print_settings, settle, sheet
 from symcal.words import listed, number, plural
@@ -58,9 +59,10 @@ def error_distribution(
                     alpha=None if look.hollow else 0.75,
                     linewidth=1.0,
                 )
-            share = 100 * np.arange(len(norms[s]) + 1) / len(norms[s])
+            steps = evenly(len(norms[s]))  # of so many each is finer than a line is wide
+            share = np.concatenate([[0.0], 100 * (steps + 1) / len(norms[s])])
             width = {"after": 1.4, "before": 1.6}.get(s, 1.0)  # the lines of states that coincide all show
-            at = np.concatenate([edges[:1], norms[s]])
+            at = np.concatenate([edges[:1], norms[s][steps]])
             right.step(at, share, where="post", color=look.color, linestyle=look.line, linewidth=width)
         right.axhline(95, color=INK, linewidth=0.5, linestyle=":")
         right.set_yticks([0, 20, 40, 60, 80, 95])

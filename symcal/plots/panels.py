@@ -15,6 +15,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from symcal.calibration.evaluate import Errors
+from symcal.data.dataset import SOME, evenly
 from symcal.plots.style import FAINT, LOOKS, PARTS, Comparison, FigureLook, marks
 from symcal.words import plural
 
@@ -25,6 +26,7 @@ SHOWN = ("before", "offsets_only", "after")
 _SMALLEST_SHARE = 0.25
 _APART = 12.0
 _GAP = 0.02
+_LARGEST = 100
 
 
 def drawn_parts(errors: Comparison) -> list[str]:
@@ -51,6 +53,23 @@ def marker_size(counts: Sequence[int]) -> float:
 def crowded(counts: Sequence[int]) -> bool:
     """Whether the marks of the poses run into a cloud, so that only what matters most should be drawn."""
     return max(counts) > 300
+
+
+def drawn(values: Array) -> NDArray[np.intp]:
+    """Which of very many values get a mark: `SOME`, evenly spread, and the largest ones; all where there are no more.
+
+    A million marks are a cloud like some thousand, and make a file that nothing opens.
+    """
+    if len(values) <= SOME:
+        return np.arange(len(values))
+    return np.union1d(evenly(len(values)), np.argpartition(np.abs(values), -_LARGEST)[-_LARGEST:])
+
+
+def drawn_words(counts: Sequence[int], what: str) -> str:
+    """A sentence for the caption where not all get a mark."""
+    if max(counts) <= SOME:
+        return ""
+    return f" Marks stand for {SOME} of the {max(counts)} {what}, evenly spread, and for the {_LARGEST} largest values."
 
 
 def far_apart(values: Mapping[str, Array]) -> bool:

@@ -12,7 +12,9 @@ from symcal.calibration.evaluate import Errors
 from symcal.plots.panels import (
     SHOWN,
     crowded,
+    drawn,
     drawn_parts,
+    drawn_words,
     dress,
     far_apart,
     legend,
@@ -92,7 +94,8 @@ def _panel(
             if state != "offsets_only" or not cloud:
                 # the outermost ring is the largest, so that states which coincide all show
                 larger = 1.0 if state == "before" and not cloud else 0.0
-                axes.plot(x, found, **marks(look), markersize=size + larger, zorder=3)
+                shown = drawn(found)
+                axes.plot(x[shown], found[shown], **marks(look), markersize=size + larger, zorder=3)
             level = rms_of(errors[part][state])
             axes.hlines(level, x[0] - half, x[-1] + half, color=look.color, linestyle=look.line, linewidth=1, zorder=4)
             lowest, highest = min(lowest, float(np.percentile(found, 1))), max(highest, float(found.max()))
@@ -143,11 +146,12 @@ def _caption(
     worst = int(np.argmax(found.size))
     pose = int(found.pose[worst])
     label = labels[last][pose] if last in labels else str(pose + 1)
-    cloud = crowded([len(_sizes(errors[part]["after"])) for part in parts])
+    counts = [len(_sizes(errors[part]["after"])) for part in parts]
+    cloud = crowded(counts)
     only = " (of 'joint offsets only' nothing else is drawn)" if cloud else ""
     return (
         f"{opening(found.words)} against the {against}, pose by pose; horizontal lines are the rms{only}. "
         f"Rms {' → '.join(words[s] for s in SHOWN if s in errors[last])}: {'; '.join(sentences)}. The largest "
         f"{found.title} after the identification is {number(float(found.size[worst]))} {found.unit}, at {PARTS[last]} "
-        f"pose '{label}'."
+        f"pose '{label}'.{drawn_words(counts, 'poses')}"
     )

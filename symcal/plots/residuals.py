@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from symcal.calibration.evaluate import Errors
 from symcal.plots.panels import (
+    drawn,
     drawn_parts,
+    drawn_words,
     dress,
     far_apart,
     legend,
@@ -62,6 +64,7 @@ def residuals_per_axis(errors: Comparison, against: str = "noisy measurement") -
         axes[-1, 1].set_xlabel(f"{judged.counted}s")
         legend(figure, list(pooled), markers=True, lines=False)
     caption = _caption(judged, pooled["after"], against.removeprefix("noisy "))
+    caption += drawn_words([len(pooled["after"])], f"{judged.counted}s")
     if hidden:
         caption += " The errors before are so much larger that they are not drawn."
     title = "Residuals" if len(labels) == 1 else f"Residuals by {'axis' if judged.names == _AXES else 'component'}"
@@ -82,7 +85,8 @@ def _draw(series: Axes, histogram: Axes, states: Mapping[str, Array], at: Array,
     edges = np.linspace(-limit, limit, _BINS + 1)
     for state, values in states.items():
         look = LOOKS[state]
-        series.plot(at, values, **marks(look), markersize=marker_size([len(at)]), zorder=3)
+        shown = drawn(values)
+        series.plot(at[shown], values[shown], **marks(look), markersize=marker_size([len(at)]), zorder=3)
         histogram.stairs(
             np.histogram(values, edges)[0],
             edges,

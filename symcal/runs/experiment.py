@@ -20,7 +20,7 @@ from symcal.calibration.extension_facts import extension_facts
 from symcal.calibration.halves import Halves
 from symcal.calibration.model_check import ModelCheck
 from symcal.calibration.remainder import refined, remainder_facts, with_remainder
-from symcal.calibration.thinned import thinned_notes
+from symcal.calibration.thinned import few_folds, listed_notes, thinned_notes
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, RenderedData, SimulatedData
 from symcal.data.dataset import Dataset
@@ -112,14 +112,15 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     if count:
         progress(f"cross-validating in {count} folds")
         used = measured.take(np.array([s != "unused" for s in measured.split]))
+        notes += few_folds(used)
         try:
             refine = refined(calibration, experiment.options)
             errors["cross_validation"] = cross_validate(
-                experiment.model, used, experiment.options, count, rng, refine, near=calibration
+                experiment.model, used.few(), experiment.options, count, rng, refine, near=calibration
             )
         except RefusedError as error:
             notes.append(f"cross-validation was not possible: {error}")
-    notes += [*extrapolation(measured), *optimism(errors), *thinned_notes(measured)]
+    notes += [*extrapolation(measured), *optimism(errors), *thinned_notes(measured), *listed_notes(measured)]
     handover = None if found.truth is None else _handover(experiment, calibration, found.truth, rng)
     inputs = (experiment.document.path, experiment.robot_path, *found.inputs)
     instruments = results.instrument_facts(experiment.model.task, by_instrument)

@@ -10,8 +10,8 @@ from typing import Any
 from symcal.calibration import results
 from symcal.calibration.extend import planned_model
 from symcal.config import conversion as config
+from symcal.documents.csv_file import read_table
 from symcal.documents.document import write_document
-from symcal.documents.table import read_table
 from symcal.outputs.csv_text import rows_of
 from symcal.outputs.names import file_name
 from symcal.planning.plan_file import write_plan, write_waypoints

@@ -11,6 +11,7 @@ import numpy as np
 from symcal.calibration.calibrate import Calibration
 from symcal.calibration.evaluate import Errors
 from symcal.calibration.outliers import Outlier
+from symcal.calibration.thinned import listed
 from symcal.data.dataset import Dataset
 from symcal.export.corrections import COLUMNS, correction_rows
 from symcal.outputs.csv_text import Rows
@@ -24,8 +25,9 @@ _MANY = 12  # points of a target, beyond which people want to see poses
 def tables(
     content: Mapping[str, Any], calibration: Calibration, data: Dataset, errors: Mapping[str, Mapping[str, Errors]]
 ) -> dict[str, Rows]:
-    """Parameters, accuracy, errors per observation (per pose of targets with many points), correlation, outliers, the
-    corrections as a controller asks for them, what residuals were tested for, and halves of the training poses.
+    """Parameters, accuracy, errors per observation (per pose of targets with many points; some of very many poses, see
+    `listed`), correlation, outliers, the corrections as a controller asks for them, what residuals were tested for, and
+    halves of the training poses.
 
     Args:
         content: of results.json. errors: by data (`train`, `test`) and state.
@@ -63,7 +65,7 @@ def _error_table(data: Dataset, errors: Mapping[str, Mapping[str, Errors]]) -> l
             continue
         labels = data.part(split).labels
         labels = labels or tuple(str(i + 1) for i in range(int(max(e.pose.max() for e in errors[split].values())) + 1))
-        for state, found in errors[split].items():
+        for state, found in ((name, listed(every)) for name, every in errors[split].items()):
             many, named = int(np.bincount(found.pose).max()) > _MANY, bool(features) and bool(found.point.max())
             for at, shown in _by_pose(found) if many else _by_reading(found):
                 row: dict[str, object] = {"data": split, "state": state, "pose": labels[found.pose[at]]}

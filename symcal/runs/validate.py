@@ -21,7 +21,7 @@ from symcal.calibration.tolerance import Tolerance
 from symcal.data.dataset import Dataset, merged
 from symcal.data.layout import Layout
 from symcal.data.measurement_file import load_measurements
-from symcal.documents.table import read_table
+from symcal.documents.csv_file import read_table
 from symcal.errors import InputError
 from symcal.fit.estimation import Options
 from symcal.model.model import Model, State, build_model

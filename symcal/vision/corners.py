@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.documents.table import Table, read_table
+from symcal.documents.csv_file import read_table
+from symcal.documents.table import Table
 from symcal.errors import InputError
 from symcal.units import LENGTH, PIXEL
 from symcal.vision.board import BoardDetection, Refusal

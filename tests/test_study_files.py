@@ -52,6 +52,12 @@ def symcal(capsys, monkeypatch, tmp_path):
         ("poses: [12, 20]", "noise: {postion: 0.1}", "vary.noise.postion", "not one of the allowed values"),
         ("poses: [12, 20]", "noise: {position: 0}", "vary.noise.position", "must be greater than 0"),
         ("poses: [12, 20]", "noise: {distance: 0.1, position: .nan}", "vary.noise.position", "NaN"),
+        (
+            "poses: [12, 20]",
+            "noise: {distance: 0.1}",
+            "vary.noise.distance",
+            "no instrument reads this (found: distance)",
+        ),
         ("poses: [12, 20]", "instruments: [[wire]]", "vary.instruments[0]", "no such instrument (found: wire)"),
         ("[fixed, drawn]", "[fixed, random]", "vary.errors[1]", "allowed: fixed, drawn"),
         ("{test_poses: 50}", "{test_poses: 0}", "judge.test_poses", "must be at least 1"),

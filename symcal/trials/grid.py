@@ -15,16 +15,19 @@ NOISE = "noise_"
 
 
 def axes(
-    study: StudyFile, document: Document, experiment: ExperimentFile, entries: tuple[str, ...]
+    study: StudyFile, document: Document, experiment: ExperimentFile, entries: tuple[str, ...], noises: tuple[str, ...]
 ) -> dict[str, list[Any]]:
     """Values by axis, the slowest first: what the study says, else the one value of the experiment.
 
     Args:
-        entries: names of the experiment's instruments.
+        entries: names of the experiment's instruments. noises: quantities that they read with noise.
     Raises:
-        InputError: an instrument that is not there, or a grid that is too large.
+        InputError: an instrument or a quantity that is not there, or a grid that is too large.
     """
     vary = study.vary
+    for name in vary.noise:
+        if name not in noises:
+            raise document.error("no instrument reads this", ("vary", "noise", name), found=name, allowed=noises)
     sets = [tuple(names) for names in vary.instruments] if vary.instruments else [entries]
     for i, names in enumerate(sets):
         for name in names:

@@ -99,7 +99,8 @@ def load_study(
         raise document.error(message, ("experiment",), found=found)
     _refuse_extensions(own, document)
     entries = tuple(dict.fromkeys(o.of for o in model.task.observations))
-    grid = axes(file, document, own, entries)
+    noises = tuple(dict.fromkeys(q.noise for o in model.task.observations for q in o.instrument.quantities))
+    grid = axes(file, document, own, entries, noises)
     sets: list[tuple[str, ...]] = grid["instruments"]
     models = [_model(experiment, document, names, entries) for names in sets]
     lower, upper = config.area_of(own, experiment.document, experiment.robot)

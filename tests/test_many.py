@@ -9,7 +9,7 @@ from functools import cache
 import boards
 import numpy as np
 import pytest
-from cases import ARM, anywhere, front_half, handling, handling_model, random_errors
+from cases import ARM, anywhere, front_half, handling, handling_model, prismatic, random_errors, revolute
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -30,6 +30,7 @@ from symcal.model.contact import contact_postures
 from symcal.model.model import Kernels, Model, build_model
 from symcal.model.task import Task
 from symcal.parameters import JointPrior
+from symcal.robot.robot import Robot
 from symcal.solvers.least_squares import Tolerances
 from symcal.spatial import transform
 
@@ -340,6 +341,28 @@ def test_a_far_start_is_brought_back_by_damping(rng) -> None:
         far = fit_many(model, q, z, sigma, start=start)
         assert (far.evaluations > near.evaluations).all()
         np.testing.assert_allclose(far.cost, near.cost, rtol=1e-9)
+
+
+@backends
+def test_a_curved_valley_is_followed_to_its_end(backend: str, monkeypatch: pytest.MonkeyPatch, rng) -> None:
+    """Of parallel axes with base and tool point unknown, the heights of both are told by curvature alone.
+
+    The end: another hundred looks from there find nothing better.
+    """
+    monkeypatch.setenv("SYMCAL_KERNELS", backend)
+    links = (
+        revolute(theta=0.0, d=340.0, a=325.0, alpha=0.0, beta=0.0),
+        revolute(theta=0.0, a=275.0, alpha=np.pi, beta=0.0),
+        prismatic(d=0.0, theta=0.0, a=0.0, alpha=0.0, beta=0.0),
+        revolute(theta=0.0, d=30.0, a=0.0, alpha=0.0),
+    )
+    model = build_model(Robot("scara", "standard", links), Task.of("position", {"base", "points"}, {"P": (0.0,) * 3}))
+    case = Case(model, lambda n, generator: anywhere(model.robot, n, generator), np.full(3, 0.02))
+    q, z, sigma = measured(case, 16, 20, rng)
+    found = fit_many(model, q, z, sigma)
+    assert found.evaluations.max() > 100
+    again = fit_many(model, q, z, sigma, start=found.x)
+    np.testing.assert_allclose(again.cost, found.cost, rtol=1e-9)
 
 
 def test_a_board_of_many_points(rng) -> None:

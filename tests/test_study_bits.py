@@ -83,7 +83,7 @@ def test_a_cluster_whose_workers_die_is_one_sentence(small, monkeypatch):
     with distributed.LocalCluster(**settings) as cluster, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         execution = Execution(scheduler=cluster.scheduler_address, shard=200)
-        with pytest.raises(RefusedError, match=r"the cluster lost its workers .*the same command goes on"):
+        with pytest.raises(RefusedError, match=r"workers of the cluster died over the same trials.*the same command goes on"):
             run_study(small / "study.yaml", small / "dies", execution=execution)
 
 
@@ -202,17 +202,43 @@ def test_another_machine_is_refused(small, monkeypatch):
 
 def test_mixed_clusters_are_refused():
     one = Machine("A", "C", "C on A", "symcal 1")
-    assert alike({"x": one, "y": one}, portable=False) is one
+    assert alike({"x": one, "y": one}, Machine("C", "numpy", "numpy on C", "symcal 1"), portable=False) is one
     with pytest.raises(
         RefusedError, match=r"workers x and y do not compute alike \(kernels: C on A and C on B\).*--portable"
     ):
-        alike({"x": one, "y": Machine("B", "C", "C on B", "symcal 1")}, portable=False)
+        alike({"x": one, "y": Machine("B", "C", "C on B", "symcal 1")}, one, portable=False)
     portable = Machine("A", "portable", "portable on x86_64", "symcal 1")
-    assert alike({"x": portable, "y": Machine("B", "portable", portable.bits, "symcal 1")}, portable=True) is portable
-    with pytest.raises(RefusedError, match=r"program: symcal 1 and symcal 2.*same versions"):
-        alike({"x": portable, "y": Machine("B", "portable", portable.bits, "symcal 2")}, portable=True)
+    there = Machine("B", "portable", portable.bits, "symcal 1")
+    assert alike({"x": portable, "y": there}, portable, portable=True) is portable
+    with pytest.raises(RefusedError, match=r"workers x and y .*same versions"):
+        alike({"x": portable, "y": Machine("B", "portable", "numpy 1", "symcal 1")}, portable, portable=True)
     with pytest.raises(RefusedError, match="no workers"):
-        alike({}, portable=False)
+        alike({}, one, portable=False)
+
+
+def test_workers_with_another_program_are_refused():
+    """What all trials share is made here, and read there."""
+    one = Machine("A", "C", "C on A", "symcal 1")
+    other = Machine("A", "C", "C on A", "symcal 2")
+    for found in ({"x": other, "y": other}, {"x": one, "y": other}):
+        with pytest.raises(RefusedError, match=r"has another program \(symcal 2, here symcal 1\): .*same versions"):
+            alike(found, one, portable=False)
+    with pytest.raises(RefusedError, match=r"worker y cannot compute \(No module named 'symcal'\): .*same versions"):
+        alike({"x": one, "y": ModuleNotFoundError("No module named 'symcal'")}, one, portable=False)
+
+
+def test_a_study_whose_scheduler_is_lost_goes_on_here(small):
+    distributed = pytest.importorskip("distributed", reason="a Dask cluster needs symcal[cluster]")
+    settings = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None, "processes": False}
+    out = small / "lost"
+    with distributed.LocalCluster(**settings) as cluster:
+        execution = Execution(scheduler=cluster.scheduler_address, shard=1)
+        with pytest.raises(RefusedError, match=r"the scheduler was lost.*the same command goes on"):
+            run_study(
+                small / "study.yaml", out, execution=execution, advance=lambda done, _: done == 5 and cluster.close()
+            )
+    assert not (out / "trials.csv").exists()
+    assert table(small / "study.yaml", out, Execution(1)) == (small / "one/trials.csv").read_bytes()
 
 
 def test_portable_kernels_are_said(small):

@@ -31,7 +31,7 @@ from symcal.solvers.many import minimise_many
 
 Array = NDArray[np.float64]
 
-TOLERANCES = Tolerances(cost=1e-10, iterations=100)
+TOLERANCES = Tolerances(cost=1e-10, iterations=500)
 """The cost is then right to 1e-10 of itself, and errors to 1e-4 of their standard deviation."""
 
 _FINITE = "readings that count must be finite; what was not measured has infinite sigma"

@@ -23,7 +23,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from symcal.fit.appended import appended
+from symcal.solvers.appended import appended
 from symcal.fit.residual_rows import Rows
 from symcal.fit.robust import Loss
 from symcal.fit.whitened import Whitened

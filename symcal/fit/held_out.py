@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.fit.appended import appended
+from symcal.solvers.appended import appended
 from symcal.fit.variance_components import compressed
 from symcal.fit.variances import VarianceModel, Variances
 from symcal.fit.whitened import Whitened

@@ -19,7 +19,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from symcal.fit.appended import appended
+from symcal.solvers.appended import appended
 from symcal.fit.robust import Loss, loss_slopes, loss_weights
 from symcal.fit.whitened import Whitened
 

@@ -20,7 +20,7 @@ from hashlib import blake2b
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.fit.appended import appended
+from symcal.solvers.appended import appended
 from symcal.fit.whitened import Whitened
 
 Array = NDArray[np.float64]

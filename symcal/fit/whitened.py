@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.fit.appended import appended
+from symcal.solvers.appended import appended
 from symcal.fit.residual_rows import Linear, Rows
 from symcal.model.measurement import Measurement
 from symcal.parameters import ParameterSet

@@ -95,7 +95,9 @@ class _Descents:
         """
         index, scales = self.model.parameters.indices(self.free), self.model.parameters.scales
         weight = self.model.measurement.per_unit(_WEIGHT)[None, :] * self.rows.seen
-        counted = np.concatenate([weight[poses, columns].ravel() for poses, columns, *_ in self.rows.read(self.reference)])
+        counted = np.concatenate(
+            [weight[poses, columns].ravel() for poses, columns, *_ in self.rows.read(self.reference)]
+        )
         starts = [replace(self.rows, setup=each) for each in begin]
 
         def weighed(which: NDArray[np.intp], y: Array) -> Array:

@@ -23,13 +23,13 @@ from symcal.calibration.thinned import thinned, thinned_notes
 from symcal.data import dataset as data_module
 from symcal.data.dataset import Dataset, evenly
 from symcal.fit import residual_rows
-from symcal.fit.appended import appended
 from symcal.fit.estimation import Fit, Options, fit, variance_model
 from symcal.fit.held_out import folds_of, steps_without
 from symcal.fit.residual_rows import Rows, rows_of
 from symcal.fit.sandwich import sandwich
 from symcal.model.model import Model, build_model
 from symcal.model.task import Task
+from symcal.solvers.appended import appended
 
 POSES = 230
 SIGMA = 0.05

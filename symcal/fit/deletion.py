@@ -23,11 +23,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from symcal.fit.appended import appended
 from symcal.fit.residual_rows import Rows
 from symcal.fit.robust import Loss
 from symcal.fit.whitened import Whitened
 from symcal.model.measurement import Group
+from symcal.solvers.appended import appended
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

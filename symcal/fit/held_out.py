@@ -9,10 +9,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.fit.appended import appended
 from symcal.fit.variance_components import compressed
 from symcal.fit.variances import VarianceModel, Variances
 from symcal.fit.whitened import Whitened
+from symcal.solvers.appended import appended
 
 Array = NDArray[np.float64]
 Fold = NDArray[np.intp]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -186,11 +186,17 @@ class Rows:
             return r, jacobian
         r = np.zeros((len(self.data), self.measurement.rows))
         jacobian = np.zeros((*r.shape, len(self.measurement.parameters)))
+        for poses, columns, own, slopes in self.read(x):
+            r[poses, columns], jacobian[poses, columns] = own, slopes
+        return r, jacobian
+
+    def read(self, x: Array) -> Iterator[tuple[NDArray[np.intp], slice, Array, Array]]:
+        """By observation that has read anything its poses, its columns, and r and J there, as they come: of components
+        that were not measured too, and in no axes but its own."""
         for part, kernel, poses in zip(self.measurement.parts, self.kernels, self.poses, strict=True):
             if poses.size:
-                found = kernel(self.data.q[poses], x, self._setup(poses), self.z[poses, part.readings])
-                r[poses, part.components], jacobian[poses, part.components] = found
-        return r, jacobian
+                r, jacobian = kernel(self.data.q[poses], x, self._setup(poses), self.z[poses, part.readings])
+                yield poses, part.components, r, jacobian
 
     def _setup(self, poses: NDArray[np.intp] | None = None) -> Array:
         """The setup's numbers under the conditions of the poses, see `Setup.under`."""

@@ -19,9 +19,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from symcal.fit.appended import appended
 from symcal.fit.robust import Loss, loss_slopes, loss_weights
 from symcal.fit.whitened import Whitened
+from symcal.solvers.appended import appended
 
 Array = NDArray[np.float64]
 

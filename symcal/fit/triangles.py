@@ -20,8 +20,8 @@ from hashlib import blake2b
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.fit.appended import appended
 from symcal.fit.whitened import Whitened
+from symcal.solvers.appended import appended
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

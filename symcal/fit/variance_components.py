@@ -28,6 +28,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.solvers.appended import appended
+
 Array = NDArray[np.float64]
 
 _STEPS = 60
@@ -90,7 +92,7 @@ class Components:
 
 def compressed(rows: Array) -> Array:
     """The triangle of rows [J r], shape (k, n + 1): the same squared norms from at most n + 1 rows."""
-    return np.asarray(np.linalg.qr(rows, mode="r")) if len(rows) > rows.shape[1] else rows
+    return appended(np.zeros((0, rows.shape[1])), rows) if len(rows) > rows.shape[1] else rows
 
 
 def at_variances(blocks: Sequence[Block], known: Array, phi: Array, ties: Sequence[Tie] = ()) -> Components:
@@ -101,8 +103,7 @@ def at_variances(blocks: Sequence[Block], known: Array, phi: Array, ties: Sequen
     """
     n = int(known.shape[1]) - 1
     scaled = [block.rows * np.exp(-0.5 * value) for block, value in zip(blocks, phi, strict=True)]
-    stacked = np.concatenate([*scaled, known, np.zeros((n + 1, n + 1))])
-    triangle: Array = np.asarray(np.linalg.qr(stacked, mode="r"), dtype=np.float64)
+    triangle = appended(np.zeros((0, n + 1)), np.concatenate([*scaled, known]))
     upper, right = triangle[:n, :n], triangle[:n, n]
     # its LU decomposition is itself: this is back substitution
     root: Array = np.asarray(np.linalg.inv(upper), dtype=np.float64)

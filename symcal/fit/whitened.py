@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.fit.appended import appended
 from symcal.fit.residual_rows import Linear, Rows
 from symcal.model.measurement import Measurement
 from symcal.parameters import ParameterSet
+from symcal.solvers.appended import appended
 
 Array = NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,8 +15,7 @@ from symcal.model.measurement import Setup
 from symcal.model.model import Model
 from symcal.parameters import FRAME_AXES
 from symcal.placing.registration import LEVER
-from symcal.solvers import SOLVERS
-from symcal.solvers.least_squares import Problem, Tolerances
+from symcal.solvers.many import minimise_many
 from symcal.spatial import transform
 
 Array = NDArray[np.float64]
@@ -30,7 +29,8 @@ _AROUND = 1.5  # robot's lengths: how far from the base instruments stand at mos
 _ON_ROBOT = 150.0  # mm: spread of things on the robot about the middle of where they are
 _AS_GOOD = 1.0001  # ratio of two rms that the data cannot tell apart
 _SAME = 1.05  # ratio of two rms that count as the same place
-_COARSE = Tolerances(gradient=1e-8, cost=1e-6, step=1e-8, iterations=60)
+_SMALL, _NOTHING, _EVALUATIONS = 1e-6, 1e-12, 60
+"""A fall of the sum of squares that ends a descent, as a share of it and in itself, mm^2; evaluations at most."""
 _WEIGHT: Mapping[str, float] = {"mm": 1.0, "rad": LEVER, "px": 1.0, "1": 1.0}
 
 
@@ -61,46 +61,74 @@ def search(
     """
     if len(data) > _POSES:
         data = data.take(np.linspace(0, len(data) - 1, _POSES).astype(int))
-    rows = rows_of(model.measurement, data, setup, model.residuals)
-    weight = model.measurement.per_unit(_WEIGHT)[None, :] * rows.seen
-    tried: list[tuple[float, Setup]] = []
-    agreed, starts = 0, 0
-    for starts in range(1, _MOST + 1):
-        begin = setup if starts == 1 else _somewhere(model, setup, free, reach, rng)
-        cost, found = _descend(model, replace(rows, setup=begin), x, weight, free)
-        tried.append((cost, found))
-        best = min(cost for cost, _ in tried)
-        agreed = sum(cost <= _SAME * best + 1e-12 for cost, _ in tried)
-        if starts >= fewest and agreed >= min(_ENOUGH, fewest // 2):
-            break
-    best = min(cost for cost, _ in tried)
+    descents = _Descents(model, rows_of(model.measurement, data, setup, model.residuals), x, free)
+    begin: list[Setup] = []
+    tried: list[Array] = []  # rms and errors that each came to
+    wanted, more = min(_ENOUGH, fewest // 2), min(fewest, _MOST)
+    while more > 0:
+        begin += [_somewhere(model, setup, free, reach, rng) if begin or i else setup for i in range(more)]
+        tried.extend(descents.ends(begin[-more:]))
+        best = min(left for left, *_ in tried)
+        agreed = sum(left <= _SAME * best + 1e-12 for left, *_ in tried)
+        more = min(wanted - agreed, _MOST - len(begin))  # fewer could not do
     # of places that the data do not tell apart, that which was said or guessed
-    return Found(next(found for cost, found in tried if cost <= _AS_GOOD * best + 1e-12), starts, agreed)
+    first = next(i for i, (left, *_) in enumerate(tried) if left <= _AS_GOOD * best + 1e-12)
+    return Found(_moved(model, begin[first], free, tried[first][1:]), len(begin), int(agreed))
 
 
-def _descend(model: Model, rows: Rows, reference: Array, weight: Array, free: tuple[str, ...]) -> tuple[float, Setup]:
-    index, scales = model.parameters.indices(free), model.parameters.scales
+@dataclass(frozen=True, slots=True)
+class _Descents:
+    """From many starts at once to the least squares of what was read, lengths, angles and pixels by their weights.
 
-    def at(y: Array) -> Array:
-        x = reference.copy()
-        x[index] = y * scales[index]
-        return x
+    reference: errors of all parameters, shape (n,), but for the free ones, which start at zero.
+    """
 
-    def evaluate(y: Array) -> tuple[Array, Array]:
-        r, jacobian = rows(at(y))
-        flat = (jacobian[:, :, index] * weight[:, :, None]).reshape(-1, len(index))
-        return (r * weight).ravel(), flat * scales[index]
+    model: Model
+    rows: Rows
+    reference: Array
+    free: tuple[str, ...]
 
-    problem = Problem(evaluate, np.zeros(len(free)), np.ones(len(free)))
-    if not np.isfinite(evaluate(problem.start)[0]).all():
-        return np.inf, rows.setup
-    x = at(SOLVERS["levenberg_marquardt"](problem, _COARSE).x)
-    count = max(int((weight > 0).sum()), 1)
-    left = float(np.sqrt(np.sum((rows(x)[0] * weight) ** 2) / count))
-    errors = {name: float(x[i]) for name, i in zip(free, index, strict=True)}
-    moved = rows.setup.moved(errors, model.measurement.points_called)
-    own = {name: value + errors.get(name, 0.0) for name, value in rows.setup.own.items()}
-    return (left if np.isfinite(left) else np.inf), replace(moved, own=own)
+    def ends(self, begin: Sequence[Setup]) -> Array:
+        """From each start the rms of what is left, infinite without finite numbers, and the free errors, (A, 1 + k).
+
+        Rows are asked for one start after the other: that takes no code but what is compiled for every fit.
+        """
+        index, scales = self.model.parameters.indices(self.free), self.model.parameters.scales
+        weight = self.model.measurement.per_unit(_WEIGHT)[None, :] * self.rows.seen
+        counted = np.concatenate(
+            [weight[poses, columns].ravel() for poses, columns, *_ in self.rows.read(self.reference)]
+        )
+        starts = [replace(self.rows, setup=each) for each in begin]
+
+        def weighed(which: NDArray[np.intp], y: Array) -> Array:
+            out = np.empty((len(y), len(counted), len(index) + 1))
+            x = self.reference.copy()
+            for own, i, at in zip(out, which, y, strict=True):
+                x[index] = at * scales[index]
+                read = [(r, jacobian) for *_, r, jacobian in starts[i].read(x)]
+                own[:, -1] = np.concatenate([r.ravel() for r, _ in read])
+                np.concatenate([j.reshape(-1, j.shape[2])[:, index] for _, j in read], out=own[:, :-1])
+            out[:, :, :-1] *= scales[index]
+            return np.where(counted[:, None] > 0, out * counted[:, None], 0.0)
+
+        found = minimise_many(
+            weighed,
+            np.zeros((len(begin), len(index))),
+            np.ones(len(index)),
+            small=_SMALL,
+            nothing=_NOTHING,
+            evaluations=_EVALUATIONS,
+        )
+        r = weighed(np.arange(len(begin)), found.x)[:, :, -1]
+        left = np.sqrt(np.sum(r**2, axis=1) / max(np.count_nonzero(counted), 1))
+        left[~found.finite | ~np.isfinite(left)] = np.inf
+        return np.column_stack([left, found.x * scales[index]])
+
+
+def _moved(model: Model, begin: Setup, free: tuple[str, ...], x: Array) -> Setup:
+    errors = dict(zip(free, x.tolist(), strict=True))
+    moved = begin.moved(errors, model.measurement.points_called)
+    return replace(moved, own={name: value + errors.get(name, 0.0) for name, value in begin.own.items()})
 
 
 def _somewhere(model: Model, setup: Setup, free: tuple[str, ...], reach: float, rng: np.random.Generator) -> Setup:

@@ -17,6 +17,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from symcal.solvers.appended import appended
 from symcal.solvers.descent import Stop, Trial, descend
 from symcal.solvers.least_squares import Array, Iterate, Problem, Solution, Status, Tolerances
 
@@ -64,9 +65,11 @@ def _predicted_gain(w: Array, projected: Array, damping: float) -> float:
 
 
 def _decompose(scaled: Array, residual: Array) -> tuple[Array, Array, Array]:
-    """Singular values w, right vectors V as columns and U^T r; through a QR when there are more rows than columns."""
-    if scaled.shape[0] > scaled.shape[1]:
-        q, scaled = np.linalg.qr(scaled)
-        residual = q.T @ residual
+    """Singular values w, right vectors V as columns and U^T r; of the triangle of [J r] when there are more rows than
+    columns: its last column is Q^T r, and Q is never formed."""
+    rows, n = scaled.shape
+    if rows > n:
+        triangle = appended(np.zeros((0, n + 1)), np.column_stack([scaled, residual]))
+        scaled, residual = triangle[:n, :n], triangle[:n, n]
     u, w, vt = np.linalg.svd(scaled, full_matrices=False)
     return w, vt.T, u.T @ residual

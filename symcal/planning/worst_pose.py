@@ -15,6 +15,8 @@ import scipy
 from numpy.typing import NDArray
 
 from symcal.planning.area import Feasible, WorkingArea, draw
+from symcal.planning.constrained_ascent import climb_within
+from symcal.planning.constraints import Satisfied
 from symcal.planning.staged_rows import StagedRows
 from symcal.planning.subspace_rows import SubspaceRows
 
@@ -81,6 +83,10 @@ def largest(
         return values[best : best + 1], where.sample[best : best + 1]
     first = _spread(values, area.unit(where.sample), THOROUGH_STARTS if thorough else STARTS)
     begun = where.sample[first]
+    if isinstance(where.feasible, Satisfied):
+        poses, reached = climb_within(function, weight, area, where.feasible, begun, _TOGETHER if thorough else _ASCENTS)
+        order = np.argsort(-reached, kind="stable")
+        return reached[order], poses[order]
     if thorough:
         begun = _polish(function, weight, area, begun, _TOGETHER)
         order = np.argsort(-function.weighted(begun, weight), kind="stable")
@@ -122,7 +128,7 @@ def maxima(
         return values[order], where.sample[order]
     first = _spread(values, area.unit(where.sample), count)
     poses, reached = _ascend(function, weight, where, np.concatenate([begun, where.sample[first]]))
-    if where.feasible is not None:
+    if where.feasible is not None and not isinstance(where.feasible, Satisfied):
         best = np.argsort(-reached, kind="stable")[: None if wide else _CLIMBERS]
         poses[best] = _climb(function, weight, where, poses[best], rng)
         reached = function.weighted(poses, weight)
@@ -135,6 +141,8 @@ def _ascend(function: PoseRows, weight: Array, where: FeasibleSet, poses: Array)
     not feasible or does not climb is taken back and shortened. Poses (k, dof) and their values (k,)."""
     area = where.area
     assert area is not None
+    if isinstance(where.feasible, Satisfied):
+        return climb_within(function, weight, area, where.feasible, poses, _ASCENTS)
     span, lower = area.span, area.lower
 
     def at(unit: Array) -> Array:

@@ -22,7 +22,6 @@ Array = NDArray[np.float64]
 _FIRST_STEP, _LONGEST = 0.01, 0.2  # of the working area
 _STILL = 1e-6  # of the working area: a pose that has moved by less, or may, rests
 _DIFFERENCE = 1e-6  # of the working area, for slopes of constraints
-_NEAR = 3.0  # lengths of a step within which a border matters
 _SWEEPS = 12  # over the multipliers
 _RETURNS = 2  # corrections of a step that ended outside
 _INSIDE = 1e-7  # of a constraint's scale: where corrections aim
@@ -46,22 +45,28 @@ def climb_within(
     gradient = slope * span
     length = _FIRST_STEP / np.maximum(np.abs(gradient).max(axis=1), 1e-300)
     broken = within.violations(at(unit))
-    normals = _normals(within, at, unit, broken)
     awake = np.arange(len(poses))
     for _ in range(steps):
         if not len(awake):
             break
-        here, up, c, normal = unit[awake], gradient[awake], broken[awake], normals[awake]
+        here, up = unit[awake], gradient[awake]
         wish = length[awake, None] * up
         wish *= np.minimum(_LONGEST / np.maximum(np.abs(wish).max(axis=1), 1e-300), 1.0)[:, None]
-        trial = here + _nearest(wish, c, normal, here)
+        trial = np.clip(here + wish, 0.0, 1.0)
         there = within.violations(at(trial))
-        for _ in range(_RETURNS):
-            out = np.flatnonzero((there > 0).any(axis=1))
-            if not len(out):
-                break
-            trial[out] += _nearest(np.zeros_like(trial[out]), there[out] + _INSIDE, normal[out], trial[out])
+        out = np.flatnonzero((there > 0).any(axis=1))
+        if len(out):
+            c = broken[awake[out]]
+            normals = _normals(within, at, here[out], c)
+            trial[out] = here[out] + _nearest(wish[out], c, normals, here[out])
             there[out] = within.violations(at(trial[out]))
+        for _ in range(_RETURNS):
+            left = np.flatnonzero((there[out] > 0).any(axis=1))
+            if not len(left):
+                break
+            back = out[left]
+            trial[back] += _nearest(np.zeros_like(trial[back]), there[back] + _INSIDE, normals[left], trial[back])
+            there[back] = within.violations(at(trial[back]))
         tried, slope = function.weighted_gradient(at(trial), weight)
         slope = slope * span
         better = (tried > value[awake]) & (there <= 0).all(axis=1)
@@ -73,8 +78,6 @@ def climb_within(
         moved = awake[better]
         unit[moved], value[moved], gradient[moved] = trial[better], tried[better], slope[better]
         broken[moved] = there[better]
-        if len(moved):
-            normals[moved] = _normals(within, at, unit[moved], broken[moved])
         awake = awake[np.abs(step).max(axis=1) > _STILL]
     return at(unit), value
 

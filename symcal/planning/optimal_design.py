@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from symcal.planning.area import WorkingArea
+from symcal.planning.area import Feasible, WorkingArea
 from symcal.planning.criteria import Criterion
 from symcal.planning.information import PoseInformation
+from symcal.planning.refine import walk_back
 from symcal.planning.worst_pose import FeasibleSet, largest, maxima
 
 Array = NDArray[np.float64]
@@ -32,6 +33,7 @@ _LIFTED = 0.02  # weight that they get together
 _NEWCOMERS = 100  # atoms added at a time at most
 _SHARE = 0.05  # weight of all new atoms together
 _NEARLY = 0.02  # excess of a design that has nearly all atoms it needs
+_LEAST = 1e-12  # weight, so that no atom is lost to the search for weights
 _SETTLING = 40  # steps of atoms and weights together
 _KNOWN = 300  # maxima that are remembered
 _CLIMBS = 150  # samples from which new atoms are looked for, beside the atoms
@@ -83,8 +85,8 @@ def optimal_design(
         kept = np.sort(order[np.cumsum(weights[order]) > min(_TAIL, excess / _TAILS)])
         atoms, matrices = atoms[kept], matrices[kept]
         weights = optimal_weights(criterion, matrices, ground, weights[kept], fine)
-        if where.area is not None and where.feasible is None:
-            atoms, weights = _settled(info, criterion, where.area, ground, atoms, weights)
+        if where.area is not None:
+            atoms, weights = _settled(info, criterion, where.area, where.feasible, ground, atoms, weights)
             matrices = info.matrices(atoms)
             weights = optimal_weights(criterion, matrices, ground, weights, fine)
         matrix = np.asarray(ground + np.einsum("k,kij->ij", weights, matrices))
@@ -108,10 +110,16 @@ def optimal_design(
 
 
 def _settled(
-    info: PoseInformation, criterion: Criterion, area: WorkingArea, ground: Array, atoms: Array, weights: Array
+    info: PoseInformation,
+    criterion: Criterion,
+    area: WorkingArea,
+    feasible: Feasible | None,
+    ground: Array,
+    atoms: Array,
+    weights: Array,
 ) -> tuple[Array, Array]:
     """Atoms and weights moved together to where the criterion is better, by a few steps of L-BFGS-B: many atoms beside
-    each other are not needed to stand for one between them."""
+    each other are not needed to stand for one between them. Atoms that leave the feasible set are walked back."""
     count, span = len(atoms), area.span
     n = len(ground)
 
@@ -136,9 +144,18 @@ def _settled(
         loss, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": _SETTLING, "maxcor": 20}
     )
     u, unit = np.asarray(found.x[:count]), np.asarray(found.x[count:]).reshape(count, -1)
-    weights = u * u / (u @ u)
+    given, weights = weights, u * u / (u @ u)
     moved = np.where(span > 0, area.clip(area.lower + span * unit), atoms)
-    return moved, np.maximum(weights, 1e-12)
+    if feasible is not None:
+        moved = walk_back(atoms, moved, feasible)
+        before, after = info.matrices(atoms), info.matrices(moved)
+        scores = [
+            float(criterion.score(ground + np.einsum("k,kij->ij", w, matrices)))
+            for w, matrices in ((given, before), (weights, after))
+        ]
+        if not scores[1] > scores[0]:
+            return atoms, given
+    return moved, np.maximum(weights, _LEAST)
 
 
 def optimal_weights(criterion: Criterion, matrices: Array, ground: Array, weights: Array, tolerance: float) -> Array:

@@ -76,15 +76,18 @@ class _Range:
         return np.maximum(self.lower - poses[:, self.i], poses[:, self.i] - self.upper)
 
 
-def feasible(constraints: Sequence[Constraint]) -> Callable[[Array], Mask]:
+@dataclass(frozen=True, slots=True)
+class Satisfied:
     """(N, dof) -> (N,): which poses satisfy all constraints, up to rounding.
 
     Later constraints are evaluated only where earlier ones hold: put cheap ones first.
     """
 
-    def mask(poses: Array) -> Mask:
+    constraints: tuple[Constraint, ...]
+
+    def __call__(self, poses: Array) -> Mask:
         alive = np.arange(len(poses))
-        for constraint in constraints:
+        for constraint in self.constraints:
             if not alive.size:
                 break
             alive = alive[constraint.violation(poses[alive]) <= ROUNDING]
@@ -92,7 +95,14 @@ def feasible(constraints: Sequence[Constraint]) -> Callable[[Array], Mask]:
         out[alive] = True
         return out
 
-    return mask
+    def violations(self, poses: Array) -> Array:
+        """Of each constraint in multiples of its scale, shape (N, constraints)."""
+        return np.stack([each.violation(poses) / each.scale for each in self.constraints], axis=1)
+
+
+def feasible(constraints: Sequence[Constraint]) -> Satisfied:
+    """Which poses satisfy all of some constraints."""
+    return Satisfied(tuple(constraints))
 
 
 def complaints(constraints: Sequence[Constraint], poses: Array, labels: Sequence[str] | None = None) -> tuple[str, ...]:

@@ -59,6 +59,13 @@ class Criterion:
     concave: bool
     smooth: bool
     root: float = 1.0
+    added: Callable[[Array, Array], Array] | None = None
+
+    def with_each(self, m: Array, rows: Array) -> Array:
+        """Score of M + F^T F for each F, shape (k,); M (n, n), F (k, m, n)."""
+        if self.added is None:
+            return self.score(m + rows.swapaxes(-1, -2) @ rows)
+        return self.added(m, rows)
 
 
 def criterion(name: str, *, poses: int = 1, accuracy: Accuracy | None = None) -> Criterion:
@@ -76,7 +83,7 @@ def criterion(name: str, *, poses: int = 1, accuracy: Accuracy | None = None) ->
     if name not in NAMES:
         raise InputError("no such criterion", key="criterion", found=name, allowed=NAMES)
     return {
-        "D": lambda: Criterion("D", "1", True, _logdet, _score_d, _slope_d, True, True),
+        "D": lambda: Criterion("D", "1", True, _logdet, _score_d, _slope_d, True, True, added=_added_d),
         "O1": lambda: Criterion(
             "O1",
             "1",
@@ -87,6 +94,7 @@ def criterion(name: str, *, poses: int = 1, accuracy: Accuracy | None = None) ->
             True,
             True,
             root=0.5,
+            added=_added_d,
         ),
         "A": lambda: Criterion("A", "1", False, _trace_inverse, _score_a, _slope_a, True, True),
         "O5": lambda: Criterion(
@@ -125,6 +133,17 @@ def _logdet(m: Array) -> Array:
 
 def _score_d(m: Array) -> Array:
     return np.asarray(_logdet(m) / m.shape[-1])
+
+
+def _added_d(m: Array, rows: Array) -> Array:
+    """det(L L^T + F^T F) = det(L L^T) det(1 + F L^-T L^-1 F^T): small determinants instead of large ones."""
+    try:
+        half = np.linalg.inv(np.linalg.cholesky(m)).T
+    except np.linalg.LinAlgError:
+        return _score_d(m + rows.swapaxes(-1, -2) @ rows)
+    seen = rows @ half
+    small = seen @ seen.swapaxes(-1, -2) + np.eye(rows.shape[-2])
+    return np.asarray(_score_d(m) + np.linalg.slogdet(small)[1] / len(m))
 
 
 def _slope_d(m: Array) -> Array:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
 from symcal.planning.criteria import Criterion
+from symcal.planning.packed import packed_squares, packed_weight
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -27,7 +28,7 @@ ROUNDS = 20
 
 _BLOCK = 32  # candidates evaluated exactly at a time
 _BLOCKS = 4  # no more than so many blocks: beyond, a candidate has hardly ever won
-_CHUNK = 4096  # poses at once: bounds the memory
+_FEW = 0.3  # of the pool: so few are ranked on their own, and more with everybody
 _GAIN = 1e-9  # an exchange must raise the score by this
 _RIDGE = 1e-7  # of the pool's mean information, added so that the first poses have a finite score
 
@@ -48,11 +49,9 @@ class Pool:
     def __len__(self) -> int:
         return len(self.poses)
 
-    def gains(self, slope: Array) -> Array:
-        """tr(slope I_k) for each pose, shape (K,)."""
-        n = len(slope)
-        upper = np.triu_indices(n)
-        return np.asarray(self.packed @ np.where(upper[0] == upper[1], slope[upper], 2.0 * slope[upper]))
+    def gains(self, slope: Array, index: Indices | None = None) -> Array:
+        """tr(slope I_k) for each pose, or for those of an index, shape (K,)."""
+        return np.asarray((self.packed if index is None else self.packed[index]) @ packed_weight(slope))
 
     def information(self, index: Indices) -> Array:
         """I_k for each index, shape (len, n, n)."""
@@ -62,11 +61,7 @@ class Pool:
 
 def pool_of(poses: Array, rows: Array, unit: Array) -> Pool:
     """A `Pool`; see there."""
-    n = rows.shape[-1]
-    upper = np.triu_indices(n)
-    blocks = [rows[i : i + _CHUNK] for i in range(0, len(rows), _CHUNK)]
-    packed = [(block.swapaxes(-1, -2) @ block)[:, upper[0], upper[1]] for block in blocks]
-    return Pool(poses, rows, unit, np.concatenate(packed) if packed else np.zeros((0, len(upper[0]))))
+    return Pool(poses, rows, unit, packed_squares(rows))
 
 
 def exchange(
@@ -125,7 +120,8 @@ def exchange(
                 continue
             rest = total - pool.information(np.array([old]))[0]
             crowd.remove(old)
-            best, reached = _best(pool, criterion, rest, crowd.open, beat=score + _GAIN)
+            better = crowd.open & promise.better(old, 0.5 * _GAIN)
+            best, reached = _best(pool, criterion, rest, better, beat=score + _GAIN)
             if best >= 0:
                 chosen[place], score, promise = best, reached, None
                 total = rest + pool.information(np.array([best]))[0]
@@ -142,18 +138,23 @@ def exchange(
 
 def _best(pool: Pool, criterion: Criterion, total: Array, open_: Mask, beat: float = -np.inf) -> tuple[int, float]:
     """The open pose whose addition scores best, and that score; -1 if none beats ``beat``."""
-    bound = float(criterion.score(total)) + pool.gains(criterion.slope(total))
-    bound = np.where(open_ & np.isfinite(bound), bound, -np.inf)
+    places = np.flatnonzero(open_)
+    if len(places) == 0:
+        return -1, beat
+    few = len(places) < _FEW * len(pool)
+    gains = pool.gains(criterion.slope(total), places) if few else pool.gains(criterion.slope(total))[places]
+    bound = float(criterion.score(total)) + gains
+    bound = np.where(np.isfinite(bound), bound, -np.inf)
     best, reached = -1, beat
     ranked = _largest(bound, _BLOCK * _BLOCKS)
     for start in range(0, len(ranked), _BLOCK):
         block = ranked[start : start + _BLOCK]
         if criterion.concave:
             block = block[bound[block] > reached]
-        block = block[np.isfinite(bound[block])]
+        block = places[block[np.isfinite(bound[block])]]
         if len(block) == 0:
             break
-        scores = criterion.score(total + pool.information(block))
+        scores = criterion.with_each(total, pool.rows[block])
         top = int(np.argmax(scores))
         if scores[top] > reached:
             best, reached = int(block[top]), float(scores[top])
@@ -173,6 +174,12 @@ class _Promise:
 
     def spread(self, old: int) -> float:
         return float(self.best - self.gains[old])
+
+    def better(self, old: int, gain: float) -> Mask:
+        """Poses that can take the place of one and gain so much, shape (K,)."""
+        if not np.isfinite(self.best):
+            return np.ones(len(self.gains), dtype=np.bool_)
+        return np.asarray(~(self.gains - self.gains[old] <= gain))
 
 
 def _promise(pool: Pool, criterion: Criterion, total: Array, open_: Mask) -> _Promise:

@@ -197,6 +197,13 @@ def plan_of(task: SearchTask, design: ApproximateDesign, rng: np.random.Generato
     return plan if task.score(plan) >= best - _NEAR else None
 
 
+def plan_from(task: SearchTask, design: ApproximateDesign, rng: np.random.Generator) -> Array:
+    """Exchange over the poses of a design instead of a dense sample, then refinement: as good, and much less to look
+    at."""
+    pool = task.pool(design.poses[design.weights > _WEIGHTY])
+    return _polish(task, _exchange(task, pool, None, lambda _: None, repeats=True), rng, lambda _: None)
+
+
 def rounded(atoms: Array, weights: Array, count: int, rng: np.random.Generator) -> Array:
     """A design as so many poses, shape (count, dof): each atom as often as its share of the weight says, to the whole
     number below or above, by systematic sampling in random order ([Madow1949])."""

@@ -19,6 +19,7 @@ from symcal.planning.area import draw
 from symcal.planning.drive_plan import Planned, find_plan, plan_generator, search
 from symcal.planning.instrument_comparison import InstrumentSet, compare_instruments
 from symcal.planning.methods import fewest_poses
+from symcal.planning.optimal_design import ApproximateDesign
 from symcal.planning.plan_problem import PlanProblem, plan_problem
 from symcal.planning.region import Accuracy, region_accuracy
 from symcal.planning.search import Plan
@@ -82,14 +83,19 @@ def find(
     for name, stream in zip(wanted.compare, for_methods.spawn(len(wanted.compare)), strict=True):
         if name not in methods:
             methods[name] = search(problem, wanted, name, stream, progress=progress)
-    foretold, band, needed = _promise(problem, accuracy, wanted, for_promise, progress)
+    foretold, band, needed = _promise(problem, accuracy, wanted, planned.plan.certificate.design, for_promise, progress)
     field = _field(problem, accuracy, planned, for_field)
     instruments = compare_instruments(file, document, model, problem, planned.plan.poses)
     return PlanStudy(file, problem, planned, accuracy, methods, foretold, band, needed, field, instruments)
 
 
 def _promise(
-    problem: PlanProblem, accuracy: Accuracy, wanted: PlanConfig, rng: np.random.Generator, progress: Progress
+    problem: PlanProblem,
+    accuracy: Accuracy,
+    wanted: PlanConfig,
+    design: ApproximateDesign,
+    rng: np.random.Generator,
+    progress: Progress,
 ) -> tuple[Forecast | None, RandomBand | None, tuple[PosesNeeded, ...]]:
     """What fewer and more poses promise; nothing of a finite set."""
     if problem.choices is not None:
@@ -99,7 +105,9 @@ def _promise(
     counts = sorted(set(asked.counts)) or _counts(fewest_poses(info), wanted.poses)
     objective = wanted.criterion if wanted.criterion not in (None, "J") else "D"
     progress("foretelling errors against the number of poses")
-    known = ground(info, for_ground, region=problem.region, aligned=problem.aligned, feasible=problem.feasible)
+    known = ground(
+        info, for_ground, region=problem.region, aligned=problem.aligned, feasible=problem.feasible, near=design
+    )
     foretold = forecast(
         info,
         counts,

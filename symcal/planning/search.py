@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from symcal.calibration.calibrate import one_thread
 from symcal.errors import InputError, RefusedError
-from symcal.planning.accuracy_forecast.prediction import Prediction, RandomPlans, predict, random_plans
+from symcal.planning.accuracy_forecast.prediction import Prediction, predict
+from symcal.planning.accuracy_forecast.random_plans import RandomPlans, random_plans
 from symcal.planning.area import Feasible
 from symcal.planning.bias_criterion import NAME, integrated_error
 from symcal.planning.certificate import Certificate, certify

@@ -15,6 +15,8 @@ import scipy
 from numpy.typing import NDArray
 
 from symcal.planning.area import Feasible, WorkingArea, draw
+from symcal.planning.constrained_ascent import climb_within
+from symcal.planning.constraints import Satisfied
 from symcal.planning.staged_rows import StagedRows
 from symcal.planning.subspace_rows import SubspaceRows
 
@@ -80,7 +82,15 @@ def largest(
         best = int(np.argmax(values))
         return values[best : best + 1], where.sample[best : best + 1]
     first = _spread(values, area.unit(where.sample), THOROUGH_STARTS if thorough else STARTS)
+    if isinstance(where.feasible, Satisfied):
+        first = _anywhere(first, values, len(first), rng)
     begun = where.sample[first]
+    if isinstance(where.feasible, Satisfied):
+        poses, reached = climb_within(
+            function, weight, area, where.feasible, begun, _TOGETHER if thorough else _ASCENTS
+        )
+        order = np.argsort(-reached, kind="stable")
+        return reached[order], poses[order]
     if thorough:
         begun = _polish(function, weight, area, begun, _TOGETHER)
         order = np.argsort(-function.weighted(begun, weight), kind="stable")
@@ -121,8 +131,10 @@ def maxima(
         order = np.argsort(-values, kind="stable")[:count]
         return values[order], where.sample[order]
     first = _spread(values, area.unit(where.sample), count)
+    if isinstance(where.feasible, Satisfied):
+        first = _anywhere(first, values, count, rng)
     poses, reached = _ascend(function, weight, where, np.concatenate([begun, where.sample[first]]))
-    if where.feasible is not None:
+    if where.feasible is not None and not isinstance(where.feasible, Satisfied):
         best = np.argsort(-reached, kind="stable")[: None if wide else _CLIMBERS]
         poses[best] = _climb(function, weight, where, poses[best], rng)
         reached = function.weighted(poses, weight)
@@ -135,6 +147,8 @@ def _ascend(function: PoseRows, weight: Array, where: FeasibleSet, poses: Array)
     not feasible or does not climb is taken back and shortened. Poses (k, dof) and their values (k,)."""
     area = where.area
     assert area is not None
+    if isinstance(where.feasible, Satisfied):
+        return climb_within(function, weight, area, where.feasible, poses, _ASCENTS)
     span, lower = area.span, area.lower
 
     def at(unit: Array) -> Array:
@@ -173,6 +187,12 @@ def _spread(values: Array, unit: Array, count: int, apart: float = 0.1) -> NDArr
         if not chosen or np.min(np.sum((unit[chosen] - unit[i]) ** 2, axis=1)) > apart**2:
             chosen.append(int(i))
     return np.array(chosen, dtype=np.intp)
+
+
+def _anywhere(best: NDArray[np.intp], values: Array, count: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """The best samples and as many of any value: maxima in corners of constraints stand among low ones."""
+    others = rng.choice(np.flatnonzero(np.isfinite(values)), size=min(count, np.isfinite(values).sum()), replace=False)
+    return np.unique(np.concatenate([best, others]))
 
 
 def _polish(function: PoseRows, weight: Array, area: WorkingArea, poses: Array, iterations: int) -> Array:

@@ -13,7 +13,14 @@ from symcal.model.observe import observe
 from symcal.model.parameter_set import parameter_set
 from symcal.model.task import Task
 from symcal.planning.accuracy_forecast.forecast import forecast, poses_needed
+from symcal.planning.accuracy_forecast.prediction import REGION_SAMPLE
+from symcal.planning.accuracy_forecast.random_plans import random_plans
+from symcal.planning.area import draw
+from symcal.planning.criteria import criterion
 from symcal.planning.information import pose_information
+from symcal.planning.methods import SearchTask
+from symcal.planning.region import area_region, region_accuracy
+from symcal.planning.worst_pose import feasible_set
 
 
 @pytest.fixture(scope="module")
@@ -70,3 +77,22 @@ def test_targets_that_cannot_be_reached_are_refused(rng):
         poses_needed(handling(), 0.0, rng)
     with pytest.raises(RefusedError, match="take 4 or more"):
         forecast(handling(), (3,), rng)
+
+
+def test_random_plans_at_once_are_random_plans_one_by_one():
+    info = handling()
+    accuracy = region_accuracy(info, area_region(info.area, np.random.default_rng(3), count=500))
+    where = feasible_set(info.area, np.random.default_rng(4), 400)
+    task = SearchTask(info, criterion("D"), 12, info.prior, where, np.zeros((0, 5)))
+    found = random_plans(info, accuracy, task, 13.0, 9, np.random.default_rng(5))
+    rng = np.random.default_rng(5)
+    plans = draw(info.area, rng, 9 * 12).reshape(9, 12, 5)
+    spread = feasible_set(info.area, rng, REGION_SAMPLE).sample
+    each = []
+    for plan in plans:
+        matrix, posterior = info.total(plan) / 12, info.posterior(plan)
+        highest = max(np.trace(i @ np.linalg.inv(matrix)) for i in info.matrices(where.sample))
+        d = np.exp((np.linalg.slogdet(matrix)[1] - 13.0) / 11)
+        each.append((d, 11 / highest, accuracy.mean_rms(posterior), accuracy.at(spread, posterior).max()))
+    middle = (found.d_efficiency_lower_bound, found.g_efficiency, found.mean_pose_rms_mm, found.worst_pose_rms_mm)
+    np.testing.assert_allclose(middle, np.median(each, axis=0), rtol=1e-8)

@@ -10,7 +10,7 @@ from planning_cases import fr3, handling
 
 from symcal.planning.certificate import certify, smallest_variance
 from symcal.planning.criteria import criterion
-from symcal.planning.optimal_design import optimal_design
+from symcal.planning.optimal_design import optimal_design, optimal_weights
 from symcal.planning.region import area_region, region_accuracy
 from symcal.planning.worst_pose import FeasibleSet, feasible_set
 
@@ -38,6 +38,25 @@ def test_d_optimal_design_is_the_one_that_convex_optimisation_finds(rng):
     theirs = problem.value - 2 * np.linalg.slogdet(root)[1]
     assert float(merit.value(ours.matrix)) == pytest.approx(theirs, abs=2e-3)
     assert theirs <= float(merit.value(ours.matrix)) + info.rank * ours.excess + 1e-4
+
+
+def test_weights_of_many_atoms_are_those_of_multiplication(rng):
+    """Many atoms that are nearly the same, from weights far off; Titterington (1976) multiplies by the gains."""
+    few = rng.normal(size=(30, 2, 8))
+    rows = (few[:, None] + 0.01 * rng.normal(size=(30, 8, 2, 8))).reshape(-1, 2, 8)
+    matrices = rows.swapaxes(1, 2) @ rows
+    start = np.full(len(rows), 1e-9)
+    start[-40:] = 1.0
+    ground = np.zeros((8, 8))
+    w = optimal_weights(criterion("D"), matrices, ground, start, 1e-3)
+    gains = np.einsum("kij,ji->k", matrices, np.linalg.inv(np.einsum("k,kij->ij", w, matrices))) / 8
+    theirs = np.full(len(rows), 1 / len(rows))
+    for _ in range(2000):
+        inverse = np.linalg.inv(np.einsum("k,kij->ij", theirs, matrices))
+        theirs *= np.einsum("kij,ji->k", matrices, inverse) / 8
+    values = [np.linalg.slogdet(np.einsum("k,kij->ij", each, matrices))[1] for each in (w, theirs)]
+    assert gains.max() < 1 + 1e-3
+    assert values[0] == pytest.approx(values[1], abs=8e-3)
 
 
 @pytest.mark.parametrize("name", ["A", "I"])

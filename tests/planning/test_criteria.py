@@ -61,6 +61,14 @@ def test_a_batch_is_the_same_as_one_by_one(name, rng, accuracy):
 
 
 @pytest.mark.parametrize("name", NAMES)
+def test_a_few_rows_more_score_as_the_whole_matrix(name, rng, accuracy):
+    merit = criterion(name, poses=3, accuracy=accuracy)
+    base, rows = rng.normal(size=(40, 11)), rng.normal(size=(5, 3, 11))
+    wanted = [merit.score(base.T @ base + f.T @ f) for f in rows]
+    np.testing.assert_allclose(merit.with_each(base.T @ base, rows), wanted, rtol=1e-11)
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_score_agrees_with_value_on_what_is_better(name, rng, accuracy):
     info, merit = handling(), criterion(name, poses=40, accuracy=accuracy)
     many = np.array([info.total(info.area.sample(rng, 40)) for _ in range(40)])

@@ -57,18 +57,27 @@ class ErrorFloor:
         return math.sqrt(square / (count * largest + float(np.sum(middle * self.prior))))
 
 
-def error_floor(info: PoseInformation, accuracy: Accuracy, where: FeasibleSet, rng: np.random.Generator) -> ErrorFloor:
+def error_floor(
+    info: PoseInformation,
+    accuracy: Accuracy,
+    where: FeasibleSet,
+    rng: np.random.Generator,
+    near: ApproximateDesign | None = None,
+) -> ErrorFloor:
     """Bounds for every number of poses at once.
 
     Args:
         where: the feasible set with a dense sample, in which maxima are searched (see `symcal.planning.worst_pose`).
+        near: a D-optimal design of one number of poses on the same set, if there is one: where to begin.
     """
     start = where.sample[:: max(len(where.sample) // 200, 1)]
+    atoms = start if near is None else near.poses
     # the bounds hold for any design: the ones without priors serve every number of poses
     none = np.zeros_like(info.prior)
     ground = _RIDGE * info.total(start) / len(start)
-    by_mean = optimal_design(info, criterion("I", accuracy=accuracy), where, ground, start, rng, tolerance=_SLACK)
-    by_worst = optimal_design(info, criterion("D"), where, ground, start, rng, tolerance=_SLACK)
+    by_worst = optimal_design(info, criterion("D"), where, ground, atoms, rng, tolerance=_SLACK)
+    by_mean_of = criterion("I", accuracy=accuracy)
+    by_mean = optimal_design(info, by_mean_of, where, ground, by_worst.poses, rng, tolerance=_SLACK)
     weighted = [(accuracy.mean, by_mean)]
     spread = _spread(accuracy, by_worst)
     if spread is not None:

@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 
 from symcal.errors import InputError, RefusedError
 from symcal.planning.accuracy_forecast.error_floor import ErrorFloor, error_floor
-from symcal.planning.accuracy_forecast.prediction import Prediction, RandomPlans, predict, random_plans
+from symcal.planning.accuracy_forecast.prediction import Prediction, predict
+from symcal.planning.accuracy_forecast.random_plans import typical_errors, typical_mean
 from symcal.planning.area import Feasible
 from symcal.planning.criteria import criterion
 from symcal.planning.information import PoseInformation
-from symcal.planning.methods import METHODS, SearchTask, fewest_poses, plan_of
+from symcal.planning.methods import METHODS, SearchTask, fewest_poses, plan_from, plan_of
+from symcal.planning.optimal_design import ApproximateDesign
 from symcal.planning.region import Accuracy, TaskRegion, area_region, region_accuracy
 from symcal.planning.worst_pose import FeasibleSet, feasible_set
 
@@ -26,7 +28,9 @@ Figure = Literal["mean", "worst"]
 LARGEST_PLAN = 1000
 """Poses beyond which `poses_needed` gives up: hardly anybody measures more."""
 
+_ENOUGH = 2  # times as many numbers as directions: with fewer, the best poses are others than those of a design
 _MANY = 10  # poses per direction from which a plan is made from a design rather than by exchange
+_TYPICAL = 100  # random plans per number of poses that is tried
 _SAMPLE = 2500  # poses that stand for the feasible set: fewer than for one plan, since many are made here
 
 
@@ -110,15 +114,15 @@ def forecast(
             )
         task = _task(info, accuracy, where, objective, count)
         best.append(predict(accuracy, info.posterior(_searched(task, method, floor, own)), own))
-        others.append(random_plans(info, accuracy, task, floor.logdet_upper_bound, random, own))
+        others.append(typical_errors(info, accuracy, task, random, own))
         if progress is not None:
             progress(count)
     return Forecast(
         counts=tuple(counts),
         best_mean_mm=tuple(p.mean_pose_rms_mm for p in best),
         best_worst_mm=tuple(p.worst_pose_rms_mm for p in best),
-        random_mean_mm=tuple(p.mean_pose_rms_mm for p in others),
-        random_worst_mm=tuple(p.worst_pose_rms_mm for p in others),
+        random_mean_mm=tuple(mean for mean, _ in others),
+        random_worst_mm=tuple(worst for _, worst in others),
         bound_mean_mm=tuple(floor.mean(count) for count in counts),
         bound_worst_mm=tuple(floor.worst(count) for count in counts),
         hidden_mm=accuracy.hidden_mm,
@@ -183,9 +187,10 @@ def poses_needed(
         count, (poses, prediction, error) = count - 1, fewer
 
     def typical(size: int) -> float:
-        """Infinite where half of the random plans do not determine everything."""
         task = _task(info, accuracy, where, objective, size)
-        return _figure(random_plans(info, accuracy, task, floor.logdet_upper_bound, 100, for_random), figure)
+        if figure == "mean":
+            return typical_mean(info, accuracy, task, _TYPICAL, for_random)
+        return typical_errors(info, accuracy, task, _TYPICAL, for_random)[1]
 
     return PosesNeeded(
         target_mm=target_mm,
@@ -222,13 +227,18 @@ def ground(
     region: TaskRegion | None = None,
     aligned: bool = False,
     feasible: Feasible | None = None,
+    near: ApproximateDesign | None = None,
 ) -> Ground:
-    """Accuracy over the region, a sample of the feasible set, and the bounds that no plan is below."""
+    """Accuracy over the region, a sample of the feasible set, and the bounds that no plan is below.
+
+    Args:
+        near: see `symcal.planning.accuracy_forecast.error_floor.error_floor`.
+    """
     for_set, for_bound = rng.spawn(2)
     region = area_region(info.area, for_set, feasible=feasible) if region is None else region
     accuracy = region_accuracy(info, region, aligned=aligned)
     where = feasible_set(info.area, for_set, _SAMPLE, feasible)
-    return Ground(accuracy, where, error_floor(info, accuracy, where, for_bound))
+    return Ground(accuracy, where, error_floor(info, accuracy, where, for_bound, near))
 
 
 def _task(info: PoseInformation, accuracy: Accuracy, where: FeasibleSet, objective: str, count: int) -> SearchTask:
@@ -237,16 +247,17 @@ def _task(info: PoseInformation, accuracy: Accuracy, where: FeasibleSet, objecti
 
 
 def _searched(task: SearchTask, method: str, floor: ErrorFloor, rng: np.random.Generator) -> Array:
-    """A plan by a search method, or where it has very many poses the floor's design as a plan, if that is as good."""
+    """A plan by a search method; the combined one chooses from the floor's design where it has one for the criterion
+    and there are poses enough to be like it, and takes it as it is where there are so many that it is as good."""
     design = floor.designs.get(task.criterion.name)
-    if method == "combined" and design is not None and task.count >= _MANY * task.info.rank:
-        plan = plan_of(task, design, rng)
-        if plan is not None:
-            return plan
-    return METHODS[method](task, rng, _nobody)
+    near = task.count * task.info.components >= _ENOUGH * task.info.rank
+    if method != "combined" or design is None or not near:
+        return METHODS[method](task, rng, _nobody)
+    plan = plan_of(task, design, rng) if task.count >= _MANY * task.info.rank else None
+    return plan_from(task, design, rng) if plan is None else plan
 
 
-def _figure(errors: Prediction | RandomPlans, figure: Figure) -> float:
+def _figure(errors: Prediction, figure: Figure) -> float:
     return errors.mean_pose_rms_mm if figure == "mean" else errors.worst_pose_rms_mm
 
 

@@ -29,7 +29,7 @@ class Cluster:
         """The shards as they are done, in whatever order; those of workers that are lost are computed again.
 
         Raises:
-            RefusedError: the scheduler was lost, or workers die wherever a shard is computed.
+            RefusedError: the scheduler or all workers were lost, or workers die wherever a shard is computed.
         """
         from distributed import KilledWorker, as_completed
         from distributed.client import FutureCancelledError
@@ -45,7 +45,7 @@ class Cluster:
                 for shard in islice(pending, 1):
                     running.add(self._submit(digest, described, shard))
         except (FutureCancelledError, CommClosedError):
-            raise RefusedError(f"the scheduler was lost, or let go of the study: {_KEPT}") from None
+            raise RefusedError(f"the cluster lost its scheduler or its workers: {_KEPT}") from None
         except KilledWorker as killed:
             raise RefusedError(
                 f"{killed.allowed_failures + 1} workers of the cluster died over the same trials, perhaps for want of "

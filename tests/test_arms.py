@@ -18,8 +18,8 @@ from symcal.robot.files import load_robot, save_robot
 
 WITNESSES = yaml.safe_load(Path(__file__).with_name("arm_positions.yaml").read_text(encoding="utf-8"))
 
-TOLERANCE = 0.003
-"""mm. Some descriptions write a quarter turn with five digits: 4e-6 rad, a few micrometres at a metre."""
+TOLERANCE = 1e-4
+"""mm: the positions are written with four decimals."""
 
 
 def position(robot, reading):

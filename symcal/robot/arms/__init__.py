@@ -4,10 +4,11 @@ The comment at the head of each file is a YAML mapping of its own (as if the '# 
 
     maker, model:  as on the type plate.
     sources:       where every number of the file is from, the maker's own document or file first.
-    checked:       an independent source that gives the same tool positions; left out where none was found.
-    notes:         which zero, signs and frames the joints have, where that is not obvious.
+    checked:       a description by other hands that puts the tool at the same places; left out where none was found
+                   (a port of the source is none). It may count its joints otherwise: it vouches for dimensions.
+    notes:         which zero, signs and frames the joints have: those of the description named last in sources.
 
-These are nominal numbers of a type, not of the arm that stands there.
+These are nominal numbers of a type, not of the arm that stands there; base and tool are frames of the description.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ class Arm:
 
     Attributes:
         name: of the file and of the robot. axes: the number of its joints.
-        checked: a second, independent source that the numbers agree with; None where one source is all there is.
+        checked: a second source that the dimensions agree with; None where one source is all there is.
     """
 
     name: str

@@ -28,7 +28,7 @@ def init(
     ] = None,
     tip: Annotated[
         str | None,
-        typer.Option("--tip", metavar="LINK", help="of the URDF, the link that the tool is on [its only end]"),
+        typer.Option("--tip", metavar="LINK", help="of the URDF, the link with the tool [its only end]"),
     ] = None,
     instrument: Annotated[
         str | None, typer.Option("--instrument", metavar="KIND", help="what measures it; --list shows them")
@@ -147,7 +147,8 @@ def _print_arms() -> None:
     from symcal.cli import terminal
     from symcal.robot.arms import arm, arm_names
 
-    table = Table("arm", "maker", "model", "axes", "sources", "from", box=None, pad_edge=False)
+    table = Table("arm", "maker", "model", "axes", "sources", box=None, pad_edge=False)
+    table.add_column("from", no_wrap=True, overflow="ellipsis")
     for facts in map(arm, arm_names()):
         agree = "two agree" if facts.checked else "one only"
         table.add_row(*map(escape, (facts.name, facts.maker, facts.model, str(facts.axes), agree, facts.sources[0])))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +26,8 @@ BOARD = "charuco:9x6:28mm:20mm:DICT_4X4_50"
 _CAMERA = spatial.transform(np.eye(3), np.array([0.0, -60.0, 40.0]))  # T_tool_camera of the templates
 _AWAY = {"down": 400.0, "outward": 700.0}  # mm: of the board from the camera
 _BALL = np.array([0.0, 0.0, 120.0])  # of the templates, in the tool frame
-_OFF_AXIS, _TILT, _NEARER = (
-    np.deg2rad(12.0),
-    np.deg2rad(25.0),
-    0.25,
-)  # of a board, by one joint: its direction, its tilt
+_OFF_AXIS, _TILT = np.deg2rad(12.0), np.deg2rad(25.0)  # of a board, by one joint
+_NEARER = 0.25  # or farther, the same, as a share
 _STEPS = np.linspace(0.0, np.pi / 2, 91)  # by which joints are moved, rad, to see where a board stays in view
 _FLAT = np.deg2rad(15.0)  # a board that is nearer to level than this is laid flat
 _APART = 150.0  # mm, of the sockets
@@ -58,7 +56,7 @@ def cell(robot: Robot, draft: Draft) -> Cell:
     return Cell(home, _around(robot, home, np.deg2rad(draft.turn)), _PLACES.get(draft.name, _nothing)(home))
 
 
-# ---------------------------------------------------------------------------------------------------------- joint ranges
+# ---------------------------------------------------------------------------------------------------- joint ranges
 
 
 def _around(robot: Robot, home: Posture, turn: float) -> Array:
@@ -200,7 +198,7 @@ def _round_frame(frame: Array) -> Array:
     return spatial.transform(spatial.rpy_matrix(rpy), _round(frame[:3, 3]))
 
 
-def numbers_text(values: Array) -> str:
+def numbers_text(values: NDArray[np.floating[Any]]) -> str:
     """Numbers as a list in YAML; whole ones without a point."""
     return f"[{', '.join(f'{value + 0.0:.12g}' for value in np.round(values, 9))}]"
 

@@ -76,7 +76,7 @@ def _data(draft: Draft) -> str:
     noise = f"noise: {_flow(draft.noise)}, " if draft.noise else ""
     simulated = f"data: {{source: simulated, {noise}truth: {{sigma_length: 0.3, sigma_angle: 0.1}}, test_poses: 200}}"
     if draft.entries:
-        then = "# Simulated until there are measurements. Then remove the next line, and the '# ' before every other 'data'."
+        then = "# Simulated until there are measurements. Then remove the next line, and every '# ' before 'data'."
         return f"{then}\n{simulated}"
     source = "{source: images, files: images, joints: joints.csv}" if draft.images else _file(draft)
     then = "# Simulated until there are measurements. Then remove the next line, and the '# ' before the one after it."

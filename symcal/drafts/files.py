@@ -18,7 +18,7 @@ MARK = "FILL IN"
 """Stands at every number that is a guess."""
 
 _CAMERA = """\
-# A camera as its data sheet might have it; 'symcal camera IMAGES --board BOARD --out camera.yaml' finds its own numbers.
+# A camera as its data sheet might have it. 'symcal camera' finds the numbers of yours: see experiment.yaml.
 schema: symcal/camera/1
 units: {image: px}
 width: 1280                           # FILL IN

@@ -1,4 +1,4 @@
-"""The instruments that first files are written for: each is a template, and what plan, simulation and table need of it."""
+"""The instruments that first files are written for: each a template, and what plan, simulation and table need."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Draft:
 
     what: said to people who choose. kind: as experiments call it. poses: to plan. noise: one standard deviation by
     quantity, in mm, deg and px; none where the template says it of each entry. facing: where the tool points in the
-    posture that the area is around. turn: how far joints may turn from it, deg; None: as far as the board stays in view.
+    posture that the area is around. turn: how far joints may turn from it, deg; None: while the board is in view.
     images: what is filled in are the joint readings of images. entries: those of `measurements` that share the table,
     told apart by its column `by`.
     """

@@ -1,4 +1,4 @@
-"""A posture from which an arm can be measured, where nobody has said one: a guess for first files, marked as such there.
+"""A posture from which an arm can be measured, where nobody has said one: a guess for first files.
 
 Of many postures the one is taken whose tool is in front of the arm at about half of its reach, above the table, and
 points where it shall, with joints in the middle of their ranges and the elbow up; weights and places are ours.

@@ -1,4 +1,4 @@
-"""The robot of a first calibration as a file for people: an arm of the list as it stands there, or a chain of a URDF."""
+"""The robot of a first calibration as a file for people: an arm of the list, or a chain of a URDF."""
 
 from __future__ import annotations
 
@@ -67,9 +67,8 @@ def of_urdf(path: Path, base: str | None = None, tip: str | None = None) -> Robo
     robot = load_urdf(path, first, last)
     notes = () if base and tip else (f"the chain is from '{first}' to '{last}': --base and --tip name others",)
     head = (
-        f"# {' '.join(robot.name.split())}: the joints from '{first}' to '{last}' of {path.name}, exactly, in Craig's "
-        "convention.\n# The tool frame is that link; base and tool take up what the file has before the first and after "
-        "the last joint.\n"
+        f"# {' '.join(robot.name.split())}: the joints from '{first}' to '{last}' of {path.name}, in Craig's "
+        f"convention.\n# The tool frame is '{last}': 'base' and 'tool' are what the file has before and after the joints.\n"
     )
     return RobotDraft(robot, robot.name, head + _lines(_entries(robot)), notes)
 

@@ -68,7 +68,7 @@ def of_urdf(path: Path, base: str | None = None, tip: str | None = None) -> Robo
     notes = () if base and tip else (f"the chain is from '{first}' to '{last}': --base and --tip name others",)
     head = (
         f"# {' '.join(robot.name.split())}: the joints from '{first}' to '{last}' of {path.name}, in Craig's "
-        f"convention.\n# The tool frame is '{last}': 'base' and 'tool' are what the file has before and after the joints.\n"
+        f"convention.\n# The tool frame is '{last}': 'base' and 'tool' are what is before and after the joints.\n"
     )
     return RobotDraft(robot, robot.name, head + _lines(_entries(robot)), notes)
 

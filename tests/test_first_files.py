@@ -75,7 +75,7 @@ def test_guesses_are_marked_and_lie_within_the_limits(symcal, tmp_path, instrume
         assert joint.lower - 1e-9 <= low < high <= joint.upper + 1e-9
     for word in ("near:", "area:", "tilt:", "radius:", "planes:"):
         assert all("# FILL IN" in line for line in lines if f" {word}" in line)
-    assert not [line for line in lines if len(line) > 130]
+    assert not [line for line in lines if len(line) > 120]
 
 
 def test_an_arm_of_the_list_is_as_it_stands_there(symcal, tmp_path):

@@ -50,6 +50,12 @@ def _head(name: str, title: str) -> str:
 def _plan(robot: Robot, draft: Draft, cell: Cell) -> str:
     """The section `plan`: `symcal plan` works on it as it is."""
     lines = [_said("plan:", "'symcal plan experiment.yaml' chooses the postures"), f"  poses: {draft.poses}"]
+    if draft.images:  # whose every corner counts at every pose that is tried
+        lines += [
+            _said("  method: exchange", "'certified' searches further. With a board a plan takes minutes"),
+            "  sample: 1000",
+            f"  promise: {{counts: [{draft.poses}], random: 10}}",
+        ]
     if draft.noise:
         units = ", ".join(dict.fromkeys(_UNITS[quantity] for quantity in draft.noise))
         lines.append(
@@ -92,7 +98,7 @@ def _file(draft: Draft, where: str = "") -> str:
 
 
 def _columns(draft: Draft) -> str:
-    pose = "" if draft.images else "pose: a name of yours. "
+    pose = "" if draft.images else "pose: any name. "
     return f"# Columns of {draft.table}. {pose}q1..: joint readings as the controller shows them (q1_rad if in rad)."
 
 

@@ -147,12 +147,16 @@ def _print_arms() -> None:
     from symcal.cli import terminal
     from symcal.robot.arms import arm, arm_names
 
-    table = Table("arm", "maker", "model", "axes", "sources", box=None, pad_edge=False)
-    table.add_column("from", no_wrap=True, overflow="ellipsis")
+    table = Table("arm", "maker", "model", "axes", "sources", "from", box=None, pad_edge=False)
     for facts in map(arm, arm_names()):
         agree = "two agree" if facts.checked else "one only"
-        table.add_row(*map(escape, (facts.name, facts.maker, facts.model, str(facts.axes), agree, facts.sources[0])))
+        cells = (facts.name, facts.maker, facts.model, str(facts.axes), agree, _cut(facts.sources[0]))
+        table.add_row(*map(escape, cells))
     terminal.output().print(table)
+
+
+def _cut(text: str, most: int = 60) -> str:
+    return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 def _print_instruments() -> None:

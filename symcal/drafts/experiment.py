@@ -80,7 +80,7 @@ def _plan(robot: Robot, draft: Draft, cell: Cell) -> str:
 
 def _data(draft: Draft) -> str:
     noise = f"noise: {_flow(draft.noise)}, " if draft.noise else ""
-    simulated = f"data: {{source: simulated, {noise}truth: {{sigma_length: 0.3, sigma_angle: 0.1}}, test_poses: 200}}"
+    simulated = f"data: {{source: simulated, {noise}truth: {{sigma_length: 1, sigma_angle: 0.3}}, test_poses: 200}}"
     if draft.entries:
         then = "# Simulated until there are measurements. Then remove the next line, and every '# ' before 'data'."
         return f"{then}\n{simulated}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from symcal.words import number
 Array = NDArray[np.float64]
 
 _CELLS = 28  # along the longer side
+_COLORS = 64
 _STEPS = 5  # of the scale's words
 
 
@@ -58,4 +60,9 @@ def _view(
 
 
 def _color(share: float) -> str:
-    return to_hex(colormaps["cividis"](float(share)))
+    return _colors()[round(float(share) * (_COLORS - 1))]
+
+
+@cache
+def _colors() -> tuple[str, ...]:
+    return tuple(to_hex(color) for color in colormaps["cividis"](np.linspace(0, 1, _COLORS)))

@@ -56,9 +56,10 @@ def postures(model: Model, setup: Setup, x: Array, data: Dataset) -> Postures:
     frames, *points = whole(data.q, x, setup.under(data.conditions))
     frames = frames.reshape(len(data), 4, -1, 4).transpose(0, 2, 1, 3)  # (N, dof + 3, 4, 4) in world
     R, o = frames[:, :1, :3, :3], frames[:, :1, :3, 3]
-    frames = np.linalg.solve(frames[:, :1], frames)
+    frames = np.asarray(np.linalg.solve(frames[:, :1], frames), dtype=np.float64)
     measured = {
-        name: (p.reshape(len(data), 3, -1).transpose(0, 2, 1) - o) @ R[:, 0] for name, p in zip(ends, points, strict=True)
+        name: (p.reshape(len(data), 3, -1).transpose(0, 2, 1) - o) @ R[:, 0]
+        for name, p in zip(ends, points, strict=True)
     }
     nodes, at = _body(frames, robot.convention == "standard")
     n = robot.dof

@@ -62,13 +62,9 @@ def write_page(found: Identified, path: Path | str) -> None:
 def page(found: Identified) -> str:
     """The page as HTML."""
     content, own = found.content, (found.calibration, found.data, found.errors)
-    shown = marks(*own) if found.unseen is None else judged_marks(*own, found.unseen)
+    shown = marks(*own) if found.unseen is None else judged_marks(*own, found.unseen, content["measurement"]["error"])
     space = scene(found.calibration, shown, found.area, np.random.default_rng(content["seed"]))
-    images = {
-        label: thumbnail(pixels)
-        for label, pixels in (found.images or {}).items()
-        if label in shown.poses.labels
-    }
+    images = {label: thumbnail(pixels) for label, pixels in (found.images or {}).items() if label in shown.poses.labels}
     text = identification_text(content)
     given: dict[str, Any] = {
         "text": text,

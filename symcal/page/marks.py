@@ -90,12 +90,12 @@ def marks(calibration: Calibration, data: Dataset, errors: Comparison) -> Marks:
     return _chosen(data, rows)
 
 
-def judged_marks(calibration: Calibration, data: Dataset, errors: Comparison, test: Array) -> Marks:
+def judged_marks(calibration: Calibration, data: Dataset, errors: Comparison, test: Array, what: str) -> Marks:
     """The same where errors are against a truth that only they know: image points of the training poses in pixels, and
     the errors at training poses and at unseen ones.
 
     Args:
-        test: joint readings of the unseen poses, shape (k, dof).
+        test: joint readings of the unseen poses, shape (k, dof). what: the errors are of, in place of an instrument.
     """
     bare = marks(calibration, data, {})
     labels = (*data.labels, *(f"unseen {i + 1}" for i in range(len(test))))
@@ -113,7 +113,7 @@ def judged_marks(calibration: Calibration, data: Dataset, errors: Comparison, te
     for part, first in (("train", 0), ("test", len(data))):
         before, after = errors[part]["before"], errors[part]["after"]
         at = np.arange(first, first + int(after.pose.max()) + 1)
-        rows += _rows(part, after.words, (), at, before, after, held_out=part == "test")
+        rows += _rows(part, what, (), at, before, after, held_out=part == "test")
     rows.sort(key=lambda row: row.pose)
     return _chosen(poses, rows)
 
@@ -130,10 +130,11 @@ def _rows(
 ) -> Iterator[Mark]:
     directed = after.unit == "mm" and after.vectors.shape[1] == 3 and after.axes == "world"
     many = int(np.bincount(after.pose).max(initial=0)) > _MANY
-    groups = [np.flatnonzero(after.pose == k) for k in np.unique(after.pose)] if many else np.arange(len(after.pose))[:, None]
+    each = np.arange(len(after.pose))
+    groups = [each[after.pose == k] for k in np.unique(after.pose)] if many else list(each[:, None])
     for own in groups:
         k = int(own[0])
-        sizes = [float(np.sqrt(np.mean(each.size[own] ** 2))) for each in (before, after)]
+        sizes = [float(np.sqrt(np.mean(errors.size[own] ** 2))) for errors in (before, after)]
         turns = None if before.turns is None or after.turns is None else (before.turns[own], after.turns[own])
         angles = None if turns is None else [float(np.rad2deg(np.sqrt(np.mean(turn**2)))) for turn in turns]
         feature = int(after.point[k])
@@ -182,12 +183,16 @@ def _cross_validated(rows: list[Mark], judges: set[str], data: Dataset, found: E
 
 
 def _chosen(data: Dataset, rows: list[Mark]) -> Marks:
-    """At most `MOST` rows, evenly among all, and the largest; with their poses."""
+    """At most `MOST` rows with their poses: test poses before training ones, evenly among each, and the largest."""
     count = len(rows)
     if count > MOST:
         by_size = np.argsort([-row.sizes[1] if row.held_out is None else -1e9 - row.held_out for row in rows])
-        kept = sorted({*evenly(count, MOST - _LARGEST).tolist(), *by_size[:_LARGEST].tolist()})
-        rows = [rows[i] for i in kept]
+        kept = {*by_size[:_LARGEST].tolist()}
+        for part, most in (("test", MOST // 2), ("train", MOST - _LARGEST)):
+            own = [i for i, row in enumerate(rows) if row.part == part]
+            room = min(len(own), most if part == "test" else most - len(kept))
+            kept |= {own[i] for i in evenly(len(own), room).tolist()}
+        rows = [rows[i] for i in sorted(kept)]
     poses = sorted({row.pose for row in rows})
     place = {pose: i for i, pose in enumerate(poses)}
     return Marks(data.take(np.array(poses, dtype=np.intp)), tuple(replace(r, pose=place[r.pose]) for r in rows), count)

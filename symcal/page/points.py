@@ -14,10 +14,11 @@ _PARTS = {"train": "training", "test": "held-out"}
 
 
 def points_table(found: Marks, robot: Robot, *, worst: int | None) -> dict[str, Any]:
-    """Head and rows; every cell with its text and what it is sorted by."""
+    """Head and rows, every cell with its text and what it is sorted by; and the units, that of the worst row first."""
     rows = found.rows
     several, named = len({row.instrument for row in rows}) > 1, any(row.point for row in rows)
-    units = list(dict.fromkeys(row.unit for row in rows))
+    first = [] if worst is None else [rows[worst].unit]
+    units = list(dict.fromkeys([*first, *(row.unit for row in rows)]))
     unit = f" / {units[0]}" if len(units) == 1 else ""
     held, turned = any(row.held_out is not None for row in rows), any(row.turns for row in rows)
     q = shown(robot, found.poses.q)
@@ -37,7 +38,7 @@ def points_table(found: Marks, robot: Robot, *, worst: int | None) -> dict[str, 
         cells += [_number(None if row.turns is None else row.turns[1], 3, "")] * turned
         cells += [_number(float(value), 2, "") for value in q[row.pose]]
         body.append({"number": i, "cells": cells, "worst": i == worst})
-    return {"head": head, "rows": body, "of": found.of, "worst": worst}
+    return {"head": head, "rows": body, "of": found.of, "units": units}
 
 
 def _decimals(rows: tuple[Mark, ...]) -> int:

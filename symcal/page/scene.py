@@ -57,7 +57,9 @@ def scene(calibration: Calibration, found: Marks, area: Area | None, rng: np.ran
             "names": [list(row.names) for row in rows],
             "at": [np.round(p, 1).tolist() for p in at],
             "own": [[_digits(row.before), _digits(row.after)] for row in rows],
-            "vector": [[_digits(turn.T @ v) for v in (row.before, row.after)] if row.directed else None for row in rows],
+            "vector": [
+                [_digits(turn.T @ v) for v in (row.before, row.after)] if row.directed else None for row in rows
+            ],
             "size": [_digits(np.array(row.sizes)) for row in rows],
             "turn": [None if row.turns is None else _digits(np.array(row.turns)) for row in rows],
             "held": [None if row.held_out is None else float(f"{row.held_out:.5g}") for row in rows],

@@ -58,23 +58,28 @@ const space = (() => {
   });
   const said = (i) => `${escaped(poses.label[marks.pose[i]])}${marks.point[i] ? ` · ${escaped(marks.point[i])}` : ""}<br>${marks.size[i][0]} → ${marks.size[i][1]} ${marks.unit[i]}`;
 
-  const parts = [["train", "training", "circle"], ["test", "held-out", "diamond"]].map(([part, name, symbol]) => ({ part, name, symbol, own: all.filter((i) => marks.part[i] === part) }));
+  // One unit has one scale of colours: readings in other units are in the table alone. What is not judged has no
+  // held-out error and stands apart.
+  const main = marks.unit[data.worst ?? 0], drawn = all.filter((i) => marks.unit[i] === main);
+  const judged = (part) => drawn.some((i) => marks.part[i] === part && marks.held[i] !== null);
+  const apart = (i) => judged(marks.part[i]) && marks.held[i] === null;
+  const parts = [["train", "training", "circle"], ["test", "held-out", "diamond"], ["other", "not judged", "cross"]].map(([part, name, symbol]) => ({ part, name, symbol, own: drawn.filter((i) => (apart(i) ? "other" : marks.part[i]) === part) }));
   const colourings = {
     held: (i) => marks.held[i],
     after: (i) => marks.size[i][1],
     before: (i) => marks.size[i][0],
   };
   const colour = (by) => parts.map(({ part, own }) => {
-    if (by === "split" || !own.some((i) => colourings[by](i) !== null)) return { color: by === "split" ? colors[part] : colors.faint };
+    if (by === "split" || !own.some((i) => colourings[by](i) !== null)) return { color: (by === "split" && colors[part]) || colors.faint };
     return { color: own.map((i) => colourings[by](i) ?? 0), coloraxis: "coloraxis" };
   });
   const ceiling = (by) => {
-    const values = by === "split" ? [1] : all.map(colourings[by]).filter((v) => v !== null).sort((a, b) => a - b);
+    const values = by === "split" ? [1] : drawn.map(colourings[by]).filter((v) => v !== null).sort((a, b) => a - b);
     return values.length ? values[Math.min(values.length - 1, Math.floor(0.97 * values.length))] : 1;
   };
   const bar = (by) => ({
     cmin: 0, cmax: ceiling(by), colorscale: "Cividis", showscale: by !== "split",
-    colorbar: { title: { text: `error / ${marks.unit[0] ?? ""}`, side: "right" }, thickness: 10, len: 0.6, outlinewidth: 0, x: 1, xanchor: "right" },
+    colorbar: { title: { text: `error / ${main ?? ""}`, side: "right" }, thickness: 10, len: 0.6, outlinewidth: 0, x: 1, xanchor: "right" },
   });
 
   const hidden = { hoverinfo: "skip", showlegend: false };
@@ -89,7 +94,7 @@ const space = (() => {
     { ...shown, mode: "lines", name: "after", showlegend: vectors.length > 0, line: { color: colors.after, width: 5 }, ...arrows(1, times) },
     ...parts.map(({ name, symbol, own }, k) => ({
       type: "scatter3d", mode: "markers", name, showlegend: own.length > 0, hoverinfo: "text", text: own.map(said), customdata: own, ...xyz(own.map((i) => marks.at[i])),
-      marker: { size: symbol === "circle" ? 4.5 : 5, symbol, ...colour(held)[k] },
+      marker: { size: symbol === "diamond" ? 5.5 : own.length > 300 ? 2.5 : 4.5, symbol, ...colour(held)[k] },
     })),
     { ...shown, mode: "markers", marker: { size: 11, symbol: "circle-open", color: colors.test, line: { width: 3 } }, ...xyz([marks.at[data.worst ?? 0] ?? [0, 0, 0]]) },
     { type: "scatter3d", mode: "markers", visible: false, name: "expected error", hoverinfo: "text", showlegend: false, ...xyz(area ? area.tool : []), text: area ? area.error.map((e) => `expected ${e} mm`) : [], marker: { size: 3, symbol: "circle", opacity: 0.75, color: area ? area.error : [], coloraxis: "coloraxis2" } },
@@ -116,7 +121,7 @@ const space = (() => {
       coloraxis: bar(held),
       coloraxis2: area ? { colorscale: "Cividis", showscale: false, colorbar: { title: { text: "expected rms / mm", side: "right" }, thickness: 10, len: 0.6, outlinewidth: 0, x: 1, xanchor: "right" } } : {},
     };
-    const config = { displaylogo: false, responsive: true, displayModeBar: narrow ? false : "hover", modeBarButtonsToRemove: ["sendDataToCloud", "resetCameraLastSave3d", "hoverClosest3d"], showLink: false };
+    const config = { displaylogo: false, responsive: true, displayModeBar: narrow ? false : "hover", modeBarButtons: [["toImage"], ["zoom3d", "pan3d", "orbitRotation", "tableRotation"], ["resetCameraDefault3d"]] };
     Plotly.newPlot(node, traces(times), layout, config).then(() => {
       // while a button is down every drawing says so again, and choosing draws: later, and once
       let asked = null;
@@ -130,13 +135,13 @@ const space = (() => {
     });
   };
   return {
-    draw, parts, all,
+    draw,
     get slider() { return slider; },
     get times() { return times; },
     arm(pose, mark) {
       if (!node.data) return;
       const own = [xyz(poses.nodes[pose]), limits(pose), along(pose), xyz([marks.at[mark]])];
-      Plotly.restyle(node, Object.fromEntries(["x", "y", "z", "text"].map((key) => [key, own.map((trace) => trace[key])])), [1, 2, 3, 8]);
+      Plotly.restyle(node, Object.fromEntries(["x", "y", "z", "text"].map((key) => [key, own.map((trace) => trace[key])])), [1, 2, 3, 9]);
     },
     exaggerate(value) {
       times = timesOf(value);
@@ -146,9 +151,9 @@ const space = (() => {
     colour(by) {
       if (!node.data) return;
       const each = colour(by);
-      Plotly.update(node, { "marker.color": each.map((m) => m.color), "marker.coloraxis": each.map((m) => m.coloraxis ?? null) }, { coloraxis: bar(by) }, [6, 7]);
+      Plotly.update(node, { "marker.color": each.map((m) => m.color), "marker.coloraxis": each.map((m) => m.coloraxis ?? null) }, { coloraxis: bar(by) }, [6, 7, 8]);
     },
     visible(trace, on) { if (node.data) Plotly.restyle(node, { visible: on }, [trace]); },
-    area(on) { if (node.data) Plotly.update(node, { visible: on }, { "coloraxis.showscale": !on, "coloraxis2.showscale": on }, [9]); },
+    area(on) { if (node.data) Plotly.update(node, { visible: on }, { "coloraxis.showscale": !on, "coloraxis2.showscale": on }, [10]); },
   };
 })();

@@ -8,6 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from numpy.typing import NDArray
+
 from symcal.config import conversion as config
 from symcal.config.conversion import FileData
 from symcal.data.saved_measurements import save_measurements
@@ -88,21 +90,30 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
 def _write_page(outcome: Outcome, pictures: Sequence[Picture], path: Path) -> None:
     from symcal.page import Identified, write_page
 
-    images = outcome.images
-    examples = [example for entry in outcome.measured_in for example in entry.examples]
-    if images is not None and images.images is not None:
-        examples += images.images.examples
     found = Identified(
         outcome.content,
         outcome.calibration,
         outcome.data,
         outcome.errors,
         pictures,
-        None if images is None else images.test,
-        {Path(example.name).stem: example.image for example in examples},
+        None if outcome.images is None else outcome.images.test,
+        _images_of_poses(outcome),
         area_of(outcome.experiment),
     )
     write_page(found, path)
+
+
+def _images_of_poses(outcome: Outcome) -> dict[str, NDArray[Any]]:
+    """Images that the run keeps as examples, by the pose that they show."""
+    rendered = None if outcome.images is None else outcome.images.images
+    kept = [(entry.measured, entry.examples) for entry in outcome.measured_in]
+    if rendered is not None:
+        kept.append((rendered.measured, rendered.examples))
+    found: dict[str, NDArray[Any]] = {}
+    for measured, examples in kept:
+        pose = dict(zip(measured.images, measured.data.labels, strict=True))
+        found |= {pose[example.name]: example.image for example in examples if example.name in pose}
+    return found
 
 
 def _drawings(outcome: Outcome) -> tuple[Drawing, ...]:

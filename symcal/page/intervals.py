@@ -12,6 +12,7 @@ Parameters = Mapping[str, Mapping[str, Any]]
 
 _WIDTH = 100.0
 _OUT = 4.0  # times the middle one: intervals longer than that do not set the scale
+_ROOM = 1.1  # of the largest estimate, which is always within
 
 
 def intervals(parameters: Parameters) -> dict[str, dict[str, Any]]:
@@ -21,8 +22,10 @@ def intervals(parameters: Parameters) -> dict[str, dict[str, Any]]:
     scales: dict[tuple[str, bool], float] = {}
     for name, p in free.items():
         key = _scale(name, p)
-        ends = sorted(abs(q["error"]) + q["half_width_95"] for n, q in free.items() if _scale(n, q) == key)
-        scales[key] = min(ends[-1], _OUT * ends[len(ends) // 2]) or 1.0
+        own = [q for n, q in free.items() if _scale(n, q) == key]
+        ends = sorted(abs(q["error"]) + q["half_width_95"] for q in own)
+        farthest = max(abs(q["error"]) for q in own)
+        scales[key] = max(min(ends[-1], _OUT * ends[len(ends) // 2]), _ROOM * farthest) or 1.0
     out = {}
     for name, p in free.items():
         unit, factor = SHOWN[p["unit"]]

@@ -16,14 +16,17 @@ from sybil import Example, Sybil
 from sybil.evaluators.python import PythonEvaluator
 from sybil.parsers.myst import CodeBlockParser
 
+from symcal.camera.files import CameraFile
 from symcal.config.experiment import experiment_type
 from symcal.instruments import KINDS
 from symcal.robot.schema import RobotFile
+from symcal.runs.load import load
 
 DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
 SLOW = "\n% long\n"
-KEYS = {*experiment_type(tuple(KINDS.values())).model_fields, *RobotFile.model_fields}
+FILES = (experiment_type(), RobotFile, CameraFile)
+KEYS = {field.alias or name for file in FILES for name, field in file.model_fields.items()}
 
 
 def _name(page: Path) -> str:
@@ -45,6 +48,9 @@ def _yaml(example: Example) -> None:
     said = yaml.safe_load(example.parsed)
     assert set(said) <= KEYS, f"keys that no file has: {set(said) - KEYS}"
     _keep(example)
+    name = _caption(example)
+    if name is not None and "measurements" in said:
+        load(Path(name))
 
 
 class _Page:

@@ -1,4 +1,4 @@
-"""What objects show of themselves in a notebook: true numbers with units, well-formed, and names that cannot be markup."""
+"""What objects show in a notebook: true numbers with units, well-formed, and names that cannot be markup."""
 
 from dataclasses import replace
 from html.parser import HTMLParser

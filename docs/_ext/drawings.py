@@ -76,6 +76,7 @@ def arm(robot: Robot, title: str) -> str:
     flat = frames[:, :3, 3] @ view.T
     scale = min(420 / np.ptp(flat[:, 0]), 300 / np.ptp(flat[:, 1]))
     low = flat.min(axis=0)
+    height = int(np.ptp(flat[:, 1]) * scale + 120)
 
     def on_paper(point: Array) -> Array:
         return (view @ point - low) * scale + 60
@@ -95,7 +96,7 @@ def arm(robot: Robot, title: str) -> str:
         parts.append(text(label, "base" if i == 0 else str(i)))
     for k, (name, colour) in enumerate((("x", X), ("y", Y), ("z", Z))):
         parts.append(text(np.array([20.0 + 20 * k, 22.0]), name, colour))
-    return picture(560, 420, title, parts)
+    return picture(560, height, title, parts)
 
 
 HAND = [line(p(20, 40), p(110, 40), PALE, 9), line(p(110, 40), p(150, 75), PALE, 9), text(p(24, 26), "the robot")]

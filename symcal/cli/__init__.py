@@ -15,6 +15,7 @@ from symcal.cli.compare import compare
 from symcal.cli.deliver import compensate, export, import_, schema
 from symcal.cli.identify import check, identify, run, validate
 from symcal.cli.images import board, camera, measure
+from symcal.cli.init import init
 from symcal.cli.plan import plan
 from symcal.cli.stdout import named_stdout, silence
 from symcal.cli.study import study
@@ -24,6 +25,7 @@ from symcal.errors import SymcalError, printable
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 for command in (
+    init,
     run,
     study,
     plan,

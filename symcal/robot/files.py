@@ -101,6 +101,11 @@ def save_robot(robot: Robot, path: Path | str, units: tuple[LengthUnit, AngleUni
         >>> sc.load_robot("copy.yaml").parameters == robot.parameters
         True
     """
+    write_document(path, robot_entries(robot, units))
+
+
+def robot_entries(robot: Robot, units: tuple[LengthUnit, AngleUnit] = ("mm", "deg")) -> dict[str, Any]:
+    """What stands in the file of a robot, by key."""
     length, angle = LENGTH[units[0]], ANGLE[units[1]]
     data: dict[str, Any] = {
         "schema": SCHEMA,
@@ -125,7 +130,7 @@ def save_robot(robot: Robot, path: Path | str, units: tuple[LengthUnit, AngleUni
             "nominal_tool": frame_entry(robot.record.nominal_tool, length),
             "provenance": dict(robot.record.provenance),
         }
-    write_document(path, data)
+    return data
 
 
 def frame_entry(matrix: Array, length: float = 1.0) -> dict[str, list[float]]:

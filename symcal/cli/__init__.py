@@ -6,6 +6,8 @@ import gc
 import os
 import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from symcal.cli.app import app
 from symcal.cli.bench import bench
@@ -13,6 +15,7 @@ from symcal.cli.compare import compare
 from symcal.cli.deliver import compensate, export, import_, schema
 from symcal.cli.identify import check, identify, run, validate
 from symcal.cli.images import board, camera, measure
+from symcal.cli.init import init
 from symcal.cli.plan import plan
 from symcal.cli.stdout import named_stdout, silence
 from symcal.cli.study import study
@@ -22,6 +25,7 @@ from symcal.errors import SymcalError, printable
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 for command in (
+    init,
     run,
     study,
     plan,
@@ -50,14 +54,12 @@ def main() -> None:
     """Entry point: an input error is one message and exit code 1; a traceback is a bug of ours."""
     gc.set_threshold(_OBJECTS, 50, 100)
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "true")  # it would look through all installed packages for them
-    # typer reads the parameters of every command it knows before it looks which one is called
-    app.registered_commands = [c for c in app.registered_commands if c.name in sys.argv[1:2]] or app.registered_commands
     signal.signal(signal.SIGTERM, _stop)
     hangup = getattr(signal, "SIGHUP", None)
     if hangup is not None and signal.getsignal(hangup) != signal.SIG_IGN:  # not under nohup
         signal.signal(hangup, _stop)
     try:
-        with named_stdout():
+        with named_stdout(), _called_alone():
             app()
     except SymcalError as error:
         from rich.console import Console
@@ -68,6 +70,17 @@ def main() -> None:
         except OSError:
             silence(sys.stderr)
         sys.exit(1)
+
+
+@contextmanager
+def _called_alone() -> Iterator[None]:
+    """Typer reads the parameters of every command it knows before it looks which one is called: it knows that one."""
+    known = app.registered_commands
+    app.registered_commands = [command for command in known if command.name in sys.argv[1:2]] or known
+    try:
+        yield
+    finally:
+        app.registered_commands = known
 
 
 def _stop(number: int, _: object) -> None:

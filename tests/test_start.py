@@ -20,7 +20,7 @@ import symcal as sc
 from symcal import cli
 
 ROOT = Path(__file__).resolve().parents[1]
-HEAVY = ("scipy.stats", "scipy.optimize", "pandas", "matplotlib", "cv2", "pymoo", "typst", "PIL")
+HEAVY = ("scipy.stats", "scipy.optimize", "pandas", "matplotlib", "cv2", "pymoo", "typst", "PIL", "jinja2")
 
 _RUN = """
 import json, sys
@@ -67,7 +67,7 @@ def loaded(*args: str | Path) -> set[str]:
 def test_a_check_loads_no_science(file: str) -> None:
     found = loaded("check", ROOT / "configs" / file)
     assert not found.intersection((*HEAVY, "scipy.linalg", "scipy.special", "scipy.spatial"))
-    rooms = ("vision", "images", "planning", "plots", "report", "placing", "export", "trials")
+    rooms = ("vision", "images", "planning", "plots", "report", "page", "placing", "export", "trials")
     assert not [name for name in found if name.startswith(tuple(f"symcal.{room}" for room in rooms))]
     assert not found.intersection(("symcal.calibration.calibrate", "symcal.runs.run", "rich.progress"))
 
@@ -75,14 +75,18 @@ def test_a_check_loads_no_science(file: str) -> None:
 def test_an_identification_without_a_report_loads_no_figures(measured_experiment: Path, tmp_path: Path) -> None:
     found = loaded("identify", measured_experiment, "--no-report", "--out", tmp_path / "run")
     assert not found.intersection(HEAVY)
-    assert not [name for name in found if name.startswith(("symcal.vision", "symcal.planning.search", "symcal.plots"))]
+    assert not [
+        name
+        for name in found
+        if name.startswith(("symcal.vision", "symcal.planning.search", "symcal.plots", "symcal.page"))
+    ]
 
 
 def test_an_identification_with_a_report_loads_figures_but_no_images(measured_experiment: Path, tmp_path: Path) -> None:
     """Of measurements that are numbers; what looks for plans is not loaded either."""
     found = loaded("identify", measured_experiment, "--out", tmp_path / "run")
     assert found.issuperset(("matplotlib", "typst"))
-    assert not found.intersection({*HEAVY} - {"matplotlib", "typst", "PIL"})
+    assert not found.intersection({*HEAVY} - {"matplotlib", "typst", "PIL", "jinja2"})
     assert not [name for name in found if name.startswith(("symcal.vision", "symcal.images", "symcal.planning.search"))]
 
 
@@ -127,9 +131,9 @@ def test_no_report_leaves_all_numbers(measured_experiment: Path, tmp_path: Path)
         {path.relative_to(tmp_path / name).as_posix() for path in (tmp_path / name).rglob("*") if path.is_file()}
         for name in ("with", "without")
     )
-    assert whole - plain == {"report.pdf"} | {name for name in whole if name.startswith("figures/")}
+    assert whole - plain == {"report.pdf", "report.html"} | {name for name in whole if name.startswith("figures/")}
     assert plain < whole
     made = json.loads((tmp_path / "without" / "manifest.json").read_text())
-    assert "report.pdf" not in json.dumps(made)
+    assert "report." not in json.dumps(made)
     numbers = [json.loads((tmp_path / n / "results.json").read_text()) for n in ("with", "without")]
     assert numbers[0]["identification"] == numbers[1]["identification"]

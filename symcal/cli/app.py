@@ -21,7 +21,7 @@ Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="the run'
 Seed = Annotated[int | None, typer.Option("--seed", min=0, help="instead of the file's seed")]
 Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY.PATH=VALUE", help="replace a value of the file")]
 Images = Annotated[list[Path], typer.Argument(metavar="IMAGES...", help="image files, or folders of them")]
-NoReport = Annotated[bool, typer.Option("--no-report", help="numbers and tables only: no figures, no PDF")]
+NoReport = Annotated[bool, typer.Option("--no-report", help="numbers and tables only: no figures, no PDF, no page")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="no progress and no table")]
 
 

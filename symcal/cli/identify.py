@@ -111,7 +111,10 @@ def check(
 
 def _outputs(overrides: list[str] | None, no_report: bool) -> list[str]:
     """What is set on the command line; without a report also its keys of the file."""
-    return [*(overrides or ()), *(("outputs.figures=false", "outputs.report=false") if no_report else ())]
+    return [
+        *(overrides or ()),
+        *(("outputs.figures=false", "outputs.report=false", "outputs.html=false") if no_report else ()),
+    ]
 
 
 def _identify(

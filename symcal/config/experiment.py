@@ -191,11 +191,20 @@ class ValidationConfig(Strict):
 
 
 class OutputsConfig(Strict):
-    """What a run leaves beside its numbers; c: the calibrated robot as C code, where nothing speaks against it."""
+    """What a run leaves beside its numbers.
+
+    report: in PDF. html: the page of an identification; as ``report`` where nothing is said. c: the calibrated robot as
+    C code, where nothing speaks against it.
+    """
 
     report: bool = True
+    html: bool | None = None
     figures: bool = True
     c: bool = False
+
+    @property
+    def page(self) -> bool:
+        return self.report if self.html is None else self.html
 
 
 class ExperimentFile(Strict):

@@ -36,6 +36,18 @@ def save_measurements(data: Dataset, robot: Robot, path: Path | str, head_lines:
         head_lines: what stands before the table, a comment each.
     Raises:
         InputError: the file cannot be written.
+
+    Example:
+        >>> from pathlib import Path
+        >>> import numpy as np
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/handling_robot.yaml")
+        >>> task, rng = sc.Task.of("position"), np.random.default_rng(1)
+        >>> q = rng.uniform(robot.lower, robot.upper, (40, robot.dof))
+        >>> data = sc.simulate(sc.build_model(robot, task), {"theta_4": 0.002}, q, sc.Noise(position=0.02), rng)
+        >>> sc.save_measurements(data, robot, "measurements.csv")
+        >>> print(Path("measurements.csv").read_text().split()[0])
+        pose,q1_deg,q2_mm,q3_mm,q4_deg,q5_deg,point,x_mm,y_mm,z_mm,split
     """
     head = ["pose", *joint_columns(robot)]
     q = np.where([joint.revolute for joint in robot.joints], np.rad2deg(data.q), data.q)

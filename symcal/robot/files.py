@@ -29,6 +29,12 @@ def load_robot(path: Path | str) -> Robot:
 
     Raises:
         InputError: with file, line and key, for anything that is not as the schema says or cannot be.
+
+    Example:
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/ur5.yaml")
+        >>> [joint.name for joint in robot.joints][:3]
+        ['shoulder_pan', 'shoulder_lift', 'elbow']
     """
     file, physics = read_robot_file(path)
     length, angle = LENGTH[file.units.length], ANGLE[file.units.angle]
@@ -87,6 +93,13 @@ def save_robot(robot: Robot, path: Path | str, units: tuple[LengthUnit, AngleUni
 
     Raises:
         InputError: the file cannot be written.
+
+    Example:
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/ur5.yaml")
+        >>> sc.save_robot(robot, "copy.yaml")
+        >>> sc.load_robot("copy.yaml").parameters == robot.parameters
+        True
     """
     write_document(path, robot_entries(robot, units))
 

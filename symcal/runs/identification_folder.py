@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from numpy.typing import NDArray
 
 from symcal.config import conversion as config
 from symcal.config.conversion import FileData
@@ -18,11 +20,13 @@ from symcal.robot.files import save_robot
 from symcal.robot.robot import Robot
 from symcal.runs.experiment import Outcome, Progress, identify_experiment
 from symcal.runs.folder import require_replaceable, run_folder, write_json, write_table
+from symcal.runs.judged import area_of
 from symcal.runs.load import Experiment, named_files
 from symcal.runs.tables import HEADS, tables
 
 if TYPE_CHECKING:
     from symcal.plots.style import Drawing
+    from symcal.report import Picture
 
 
 def write_identification(
@@ -65,17 +69,51 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
     for name, rows in tables(outcome.content, calibration, outcome.data, outcome.errors).items():
         write_table(folder / "tables" / f"{name}.csv", rows, HEADS.get(name))
     _write_images(outcome, folder)
-    if not (experiment.file.outputs.figures or experiment.file.outputs.report):
+    outputs = experiment.file.outputs
+    if not (outputs.figures or outputs.report or outputs.page):
         return outcome
     from symcal.plots.save import draw
-    from symcal.report import write_report
 
     progress("drawing")
     pictures = draw(_drawings(outcome), folder / "figures")
-    if experiment.file.outputs.report:
+    if outputs.report:
+        from symcal.report import write_report
+
         progress("writing the report")
         write_report(outcome.content, pictures, folder / "report.pdf")
+    if outputs.page:
+        progress("writing the page")
+        _write_page(outcome, pictures, folder / "report.html")
     return outcome
+
+
+def _write_page(outcome: Outcome, pictures: Sequence[Picture], path: Path) -> None:
+    from symcal.page import Identified, write_page
+
+    found = Identified(
+        outcome.content,
+        outcome.calibration,
+        outcome.data,
+        outcome.errors,
+        pictures,
+        None if outcome.images is None else outcome.images.test,
+        _images_of_poses(outcome),
+        area_of(outcome.experiment),
+    )
+    write_page(found, path)
+
+
+def _images_of_poses(outcome: Outcome) -> dict[str, NDArray[Any]]:
+    """Images that the run keeps as examples, by the pose that they show."""
+    rendered = None if outcome.images is None else outcome.images.images
+    kept = [(entry.measured, entry.examples) for entry in outcome.measured_in]
+    if rendered is not None:
+        kept.append((rendered.measured, rendered.examples))
+    found: dict[str, NDArray[Any]] = {}
+    for measured, examples in kept:
+        pose = dict(zip(measured.images, measured.data.labels, strict=True))
+        found |= {pose[example.name]: example.image for example in examples if example.name in pose}
+    return found
 
 
 def _drawings(outcome: Outcome) -> tuple[Drawing, ...]:

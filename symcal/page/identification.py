@@ -1,0 +1,89 @@
+"""The page of an identification: its results as text, figures and a picture that one can turn and touch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symcal.calibration.calibrate import Calibration
+from symcal.calibration.evaluate import Errors
+from symcal.data.dataset import Dataset
+from symcal.outputs.whole_file import write_whole
+from symcal.page.area_map import area_map
+from symcal.page.headline import headline, ladder
+from symcal.page.intervals import intervals
+from symcal.page.marks import judged_marks, marks
+from symcal.page.pictures import Embedded, figures, thumbnail
+from symcal.page.points import points_table
+from symcal.page.render import render
+from symcal.page.scene import Area, scene
+from symcal.report.identification import identification_text
+from symcal.report.render import Picture
+
+Array = NDArray[np.float64]
+
+CAP = 3_000_000
+"""Bytes of a page without images; figures that go beyond are left out and named."""
+CAP_WITH_IMAGES = 10_000_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Identified:
+    """What a page shows of an identification.
+
+    unseen: joint readings of poses that only ``errors`` know, shape (k, dof); None where the data hold all poses.
+    images: pixels by the label of the pose that they show. area: of joint readings, the joint limits when None.
+    """
+
+    content: Mapping[str, Any]
+    calibration: Calibration
+    data: Dataset
+    errors: Mapping[str, Mapping[str, Errors]]
+    pictures: Sequence[Picture] = ()
+    unseen: Array | None = None
+    images: Mapping[str, NDArray[Any]] | None = None
+    area: Area | None = None
+
+
+def write_page(found: Identified, path: Path | str) -> None:
+    """Write the page as one file that asks for nothing else.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    write_whole(path, page(found))
+
+
+def page(found: Identified) -> str:
+    """The page as HTML."""
+    content, own = found.content, (found.calibration, found.data, found.errors)
+    shown = marks(*own) if found.unseen is None else judged_marks(*own, found.unseen, content["measurement"]["error"])
+    space = scene(found.calibration, shown, found.area, np.random.default_rng(content["seed"]))
+    images = {label: thumbnail(pixels) for label, pixels in (found.images or {}).items() if label in shown.poses.labels}
+    text = identification_text(content)
+    given: dict[str, Any] = {
+        "text": text,
+        "against": content["against"],
+        "headline": headline(content),
+        "ladder": ladder(content),
+        "intervals": intervals(content["identification"]["parameters"]),
+        "points": points_table(shown, found.calibration.robot, worst=shown.worst),
+        "area": area_map(space["area"]),
+        "scene": space | {"images": images},
+    }
+    cap = CAP_WITH_IMAGES if images else CAP
+    every = figures(found.pictures)
+    kept = _within(every, cap - len(render("identification", given | {"figures": (), "left_out": ()}).encode()))
+    left_out = [each.title for each in every[len(kept) :]]
+    return render("identification", given | {"figures": kept, "left_out": left_out})
+
+
+def _within(every: tuple[Embedded, ...], room: int) -> tuple[Embedded, ...]:
+    """The first figures, as many as there is room for."""
+    sizes = np.cumsum([len(each.address) + 2 * len(each.caption.encode()) + 500 for each in every])
+    return every[: int(np.searchsorted(sizes, room, side="right"))]

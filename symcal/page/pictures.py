@@ -1,0 +1,58 @@
+"""Figures and images inside the page: as PNG, with as few colours as they need."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symcal.report.render import Picture
+
+_COLORS = 64
+_THUMBNAIL = 480  # px, the longer side
+_QUALITY = 75
+
+
+@dataclass(frozen=True, slots=True)
+class Embedded:
+    """A picture as `data:` address."""
+
+    name: str
+    title: str
+    caption: str
+    address: str
+
+
+def figures(pictures: Sequence[Picture]) -> tuple[Embedded, ...]:
+    """The figures of a report, from the PNG beside each PDF."""
+    from PIL import Image
+
+    out = []
+    for picture in pictures:
+        with Image.open(picture.file.with_suffix(".png")) as image:
+            few = image.convert("RGB").quantize(_COLORS, dither=Image.Dither.NONE)
+        stream = BytesIO()
+        few.save(stream, "PNG", optimize=True)
+        out.append(Embedded(picture.name, picture.title, picture.caption, _address("png", stream)))
+    return tuple(out)
+
+
+def thumbnail(pixels: NDArray[Any]) -> str:
+    """The address of a small copy of a grey or colour image."""
+    from PIL import Image
+
+    step = max(1, max(pixels.shape[:2]) // (2 * _THUMBNAIL))
+    image = Image.fromarray(np.ascontiguousarray(pixels[::step, ::step]))
+    image.thumbnail((_THUMBNAIL, _THUMBNAIL))
+    stream = BytesIO()
+    image.save(stream, "JPEG", quality=_QUALITY)
+    return _address("jpeg", stream)
+
+
+def _address(kind: str, stream: BytesIO) -> str:
+    return f"data:image/{kind};base64,{base64.b64encode(stream.getvalue()).decode('ascii')}"

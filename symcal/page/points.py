@@ -1,0 +1,58 @@
+"""The table of marks: what was read at which joint readings, and how far the robot was off it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from symcal.page.marks import Mark, Marks
+from symcal.page.scene import shown
+from symcal.robot.robot import Robot
+from symcal.words import fixed, number
+
+_PARTS = {"train": "training", "test": "held-out"}
+
+
+def points_table(found: Marks, robot: Robot, *, worst: int | None) -> dict[str, Any]:
+    """Head and rows, every cell with its text and what it is sorted by; and the units, that of the worst row first."""
+    rows = found.rows
+    several, named = len({row.instrument for row in rows}) > 1, any(row.point for row in rows)
+    first = [] if worst is None else [rows[worst].unit]
+    units = list(dict.fromkeys([*first, *(row.unit for row in rows)]))
+    unit = f" / {units[0]}" if len(units) == 1 else ""
+    held, turned = any(row.held_out is not None for row in rows), any(row.turns for row in rows)
+    q = shown(robot, found.poses.q)
+    head = ["pose", "split"]
+    head += ["instrument"] * several + ["point"] * named
+    head += [f"before{unit}", f"after{unit}"] + [f"held out{unit}"] * held
+    head += ["turned by / deg"] * turned
+    head += [f"{joint.name} / {'deg' if joint.revolute else 'mm'}" for joint in robot.joints]
+    places = _decimals(rows)
+    body = []
+    for i, row in enumerate(rows):
+        cells = [_text(found.poses.labels[row.pose]), _text(_PARTS.get(row.part, row.part))]
+        cells += [_text(row.instrument)] * several + [_text(row.point)] * named
+        suffix = "" if len(units) == 1 else f" {row.unit}"
+        cells += [_number(size, places, suffix) for size in row.sizes]
+        cells += [_number(row.held_out, places, suffix)] * held
+        cells += [_number(None if row.turns is None else row.turns[1], 3, "")] * turned
+        cells += [_number(float(value), 2, "") for value in q[row.pose]]
+        body.append({"number": i, "cells": cells, "worst": i == worst})
+    return {"head": head, "rows": body, "of": found.of, "units": units}
+
+
+def _decimals(rows: tuple[Mark, ...]) -> int:
+    """Three digits for the middle of the errors."""
+    sizes = sorted(row.sizes[1] for row in rows if row.sizes[1] > 0)
+    return min(max(2 - math.floor(math.log10(sizes[len(sizes) // 2])), 0), 6) if sizes else 3
+
+
+def _text(words: str) -> dict[str, Any]:
+    return {"text": words, "value": words, "number": False}
+
+
+def _number(value: float | None, places: int, suffix: str) -> dict[str, Any]:
+    if value is None or not math.isfinite(value):
+        return {"text": "–", "value": "", "number": True}
+    words = fixed(value, places) if value >= 10.0**-places or value <= 0 else number(value, 2)
+    return {"text": f"{words}{suffix}", "value": f"{value:.6g}", "number": True}

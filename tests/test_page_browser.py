@@ -1,0 +1,127 @@
+"""report.html in a browser without a network: numbers at once, the arm soon, and what one touches is what it says.
+
+Needs Playwright's client and a Chromium of the system; no browser is downloaded.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from identifications import content_of, simulated
+
+from symcal.page import Identified, write_page
+
+sync_api = pytest.importorskip("playwright.sync_api", reason="Playwright, which steers a browser, is not installed")
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+pytestmark = [
+    pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on this machine"),
+    # of Playwright's own event loop, when a test fails
+    pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"),
+]
+
+SOFTWARE = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
+SOON = 60_000  # ms; on a machine that does nothing else it takes a few seconds
+
+AT = """(i) => {
+  const scene = document.getElementById("space")._fullLayout.scene._scene, camera = scene.glplot.cameraParams;
+  const times = (m, v) => [0, 1, 2, 3].map((r) => m[r] * v[0] + m[4 + r] * v[1] + m[8 + r] * v[2] + m[12 + r] * v[3]);
+  const point = data.marks.at[i].map((value, k) => value * scene.dataScale[k]);
+  const seen = times(camera.projection, times(camera.view, times(camera.model, [...point, 1])));
+  const box = scene.container.getBoundingClientRect();
+  return [box.left + (seen[0] / seen[3] / 2 + 0.5) * box.width, box.top + (0.5 - seen[1] / seen[3] / 2) * box.height];
+}"""
+"""Where on the screen a mark is, by the camera of the picture."""
+
+
+@pytest.fixture(scope="module")
+def case(configs: Path) -> Any:
+    return simulated(configs, "pose", 12, 6)
+
+
+@pytest.fixture(scope="module")
+def path(case: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("page") / "report.html"
+    write_page(Identified(content_of(*case), *case), file)
+    return file
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE)
+        yield browser
+        browser.close()
+
+
+def test_a_page_is_touched(browser: Any, path: Path, case: Any) -> None:
+    context = browser.new_context(viewport={"width": 1400, "height": 1000}, offline=True)
+    page, said, asked = context.new_page(), [], []
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.on("console", lambda message: said.append(message.text) if message.type == "error" else None)
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto(path.as_uri(), timeout=SOON)
+    page.wait_for_function("document.documentElement.dataset.space === 'ready'", timeout=SOON)
+    (painted,) = page.evaluate("performance.getEntriesByName('first-contentful-paint').map((e) => e.startTime)")
+    assert painted < page.evaluate("performance.now()")
+
+    errors, data = case[2]["test"]["after"], case[1].part("test")
+    label, largest = data.labels[int(errors.pose[errors.size.argmax()])], errors.size.max()
+    assert page.inner_text("#detail h3") == f"pose {label}"  # the worst one, before anything is chosen
+    page.evaluate("document.getElementById('arm').scrollIntoView({behavior: 'instant'})")
+    page.click("#detail .step button:last-child")
+    assert page.inner_text("#detail h3") != f"pose {label}"
+    x, y = page.evaluate(AT, page.evaluate("data.worst"))
+    for _ in range(5):  # a button that goes up before the picture was drawn again is not seen
+        page.mouse.move(x + 4, y)
+        page.wait_for_timeout(300)
+        page.mouse.move(x, y)
+        page.wait_for_timeout(700)
+        page.mouse.down()
+        page.wait_for_timeout(500)
+        page.mouse.up()
+        page.wait_for_timeout(500)
+        if page.inner_text("#detail h3") == f"pose {label}":
+            break
+    row = page.inner_text("#points tr.chosen").split("\t")
+    assert row[0].strip() == label
+    assert float(row[4]) == pytest.approx(largest, abs=1e-3)
+
+    start = page.evaluate("document.getElementById('space').data[4].x.slice(0, 2)")
+    page.fill("#exaggerate", "90")
+    end = page.evaluate("document.getElementById('space').data[4].x.slice(0, 2)")
+    assert start[0] == end[0]
+    assert abs(end[1] - end[0]) > 2 * abs(start[1] - start[0])
+
+    page.fill("#search", "held-out")
+    assert page.inner_text("#count") == f"{len(data)} of {len(case[1])} rows"
+    head = "#points th:nth-child(5) button"
+    page.click(head)
+    page.click(head)
+    assert page.inner_text("#points tbody tr:not([hidden]) td") == label
+    page.press("#search", "Enter")
+    for by in ("after", "before", "split", "held"):
+        page.select_option("#colour", by)
+    page.check("#show-area")
+    page.check("#show-arms")
+    assert said == []
+    assert asked == [path.as_uri()]
+    context.close()
+
+
+@pytest.mark.parametrize("script", [True, False])
+def test_a_narrow_page_fits(browser: Any, path: Path, script: bool) -> None:
+    """400 px, with script and without: numbers are there, and nothing but tables is wider."""
+    context = browser.new_context(viewport={"width": 400, "height": 800}, offline=True, java_script_enabled=script)
+    page = context.new_page()
+    page.goto(path.as_uri(), timeout=SOON)
+    assert page.is_visible("#headline")
+    assert page.is_visible("#points")
+    assert page.is_visible("noscript") != script or script
+    assert page.is_visible("#exaggerate") == script
+    if script:
+        assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    context.close()

@@ -92,7 +92,7 @@ def test_a_command_is_read_alone_and_the_others_are_known(
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.setenv("PYDANTIC_DISABLE_PLUGINS", "true")
     monkeypatch.setattr(gc, "set_threshold", lambda *_: None)
-    monkeypatch.setattr(cli.app, "registered_commands", whole := list(cli.app.registered_commands))
+    monkeypatch.setattr(cli.app, "registered_commands", whole := list(cli.COMMANDS))
     answers = CliRunner().invoke(cli.app, arguments, prog_name="symcal")
     monkeypatch.setattr(sys, "argv", ["symcal", *arguments])
     monkeypatch.setattr(signal, "signal", lambda *_: None)
@@ -104,6 +104,25 @@ def test_a_command_is_read_alone_and_the_others_are_known(
     assert said == wanted  # the terminal's width decides where long lines end
     known = [command.name for command in cli.app.registered_commands]
     assert known == (["check"] if arguments[:1] == ["check"] else [command.name for command in whole])
+
+
+@pytest.mark.parametrize(
+    ("line", "wanted"),
+    [
+        ("symcal ex", {"export"}),
+        ("symcal export --a", {"--approximate"}),
+        ("symcal identify --", {"--data", "--out", "--seed", "--set", "--no-report", "--quiet", "--json", "--help"}),
+        ("symcal study --sch", {"--scheduler"}),
+    ],
+)
+def test_the_shell_completes_commands_and_the_options_of_each(line: str, wanted: set[str]) -> None:
+    """As bash asks for it, which gives the line in variables and the program's name as the only argument."""
+    asked = {"COMP_WORDS": line, "COMP_CWORD": str(len(line.split()) - 1), "_SYMCAL_COMPLETE": "complete_bash"}
+    code = "import sys; from symcal.cli import main; sys.argv = ['symcal']; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | asked, capture_output=True, text=True, check=True
+    )
+    assert set(done.stdout.split()) == wanted
 
 
 def test_help_loads_neither_numbers_nor_tables() -> None:

@@ -11,12 +11,14 @@ from symcal.cli.app import app
 from symcal.cli.bench import bench
 from symcal.cli.compare import compare
 from symcal.cli.deliver import compensate, export, import_, schema
+from symcal.cli.doctor import doctor
 from symcal.cli.identify import check, identify, run, validate
 from symcal.cli.images import board, camera, measure
 from symcal.cli.plan import plan
+from symcal.cli.reply import WithJson, answer, json_asked
 from symcal.cli.stdout import named_stdout, silence
 from symcal.cli.study import study
-from symcal.errors import SymcalError, printable
+from symcal.errors import InputError, SymcalError, printable
 
 # Before NumPy is loaded: matrices here are small, and what several threads sum is not the same bits everywhere.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -35,11 +37,14 @@ for command in (
     compensate,
     export,
     bench,
+    import_,
+    schema,
+    doctor,
 ):
-    app.command(command.__name__)(command)
-app.command("import")(import_)
-app.command("schema")(schema)
+    app.command(command.__name__.rstrip("_"))(WithJson(command))
 
+COMMANDS = tuple(app.registered_commands)
+"""All of them; of the app's, `main` leaves the one that is called."""
 
 _OBJECTS = (
     400_000  # new ones before garbage is looked for: loading makes many that stay, and looking through them is slow
@@ -51,23 +56,42 @@ def main() -> None:
     gc.set_threshold(_OBJECTS, 50, 100)
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "true")  # it would look through all installed packages for them
     # typer reads the parameters of every command it knows before it looks which one is called
-    app.registered_commands = [c for c in app.registered_commands if c.name in sys.argv[1:2]] or app.registered_commands
+    app.registered_commands = [c for c in COMMANDS if c.name in _called()] or list(COMMANDS)
     signal.signal(signal.SIGTERM, _stop)
     hangup = getattr(signal, "SIGHUP", None)
     if hangup is not None and signal.getsignal(hangup) != signal.SIG_IGN:  # not under nohup
         signal.signal(hangup, _stop)
     try:
         with named_stdout():
+            if json_asked(sys.argv[1:]):
+                answer(app, next((each for each in sys.argv[1:2] if not each.startswith("-")), None), _say)
             app()
     except SymcalError as error:
-        from rich.console import Console
-
-        said = f"symcal: {printable(str(error))}"
-        try:
-            Console(stderr=True, soft_wrap=True).print(said, markup=False, highlight=False)
-        except OSError:
-            silence(sys.stderr)
+        _say(error)
         sys.exit(1)
+
+
+def _called() -> list[str]:
+    """The command of this call, or of the line that a shell wants completed."""
+    line = os.environ.get("_TYPER_COMPLETE_ARGS") or os.environ.get("COMP_WORDS")
+    return line.split()[1:2] if "_SYMCAL_COMPLETE" in os.environ and line else sys.argv[1:2]
+
+
+def _say(error: SymcalError) -> None:
+    """Tell people of an error: one message; on a terminal also the line of the file that it is about."""
+    from rich.console import Console
+
+    console = Console(stderr=True, soft_wrap=True)
+    try:
+        console.print(f"symcal: {printable(str(error))}", markup=False, highlight=False)
+        if console.is_terminal and isinstance(error, InputError):
+            from symcal.documents.excerpt import excerpt
+
+            found = excerpt(error, console.width)
+            for line, style in zip(() if found is None else found.lines(), ("", "bold red"), strict=False):
+                console.print(line, style=style, markup=False, highlight=False)
+    except OSError:
+        silence(sys.stderr)
 
 
 def _stop(number: int, _: object) -> None:

@@ -37,7 +37,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_every_command_has_it() -> None:
-    for command in cli.COMMANDS:
+    for command in cli.app.registered_commands:
         assert command.callback is not None
         assert "json" in inspect.signature(command.callback).parameters, command.name
         assert "reply(" in inspect.getsource(sys.modules[command.callback.__module__]), command.name

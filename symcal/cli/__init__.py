@@ -7,6 +7,8 @@ import os
 import signal
 import sys
 
+from typer.models import CommandInfo
+
 from symcal.cli.app import app
 from symcal.cli.bench import bench
 from symcal.cli.compare import compare
@@ -43,8 +45,7 @@ for command in (
 ):
     app.command(command.__name__.rstrip("_"))(WithJson(command))
 
-COMMANDS = tuple(app.registered_commands)
-"""All of them; of the app's, `main` leaves the one that is called."""
+_COMMANDS = tuple(app.registered_commands)
 
 _OBJECTS = (
     400_000  # new ones before garbage is looked for: loading makes many that stay, and looking through them is slow
@@ -55,8 +56,7 @@ def main() -> None:
     """Entry point: an input error is one message and exit code 1; a traceback is a bug of ours."""
     gc.set_threshold(_OBJECTS, 50, 100)
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "true")  # it would look through all installed packages for them
-    # typer reads the parameters of every command it knows before it looks which one is called
-    app.registered_commands = [c for c in COMMANDS if c.name in _called()] or list(COMMANDS)
+    app.registered_commands = read_commands()
     signal.signal(signal.SIGTERM, _stop)
     hangup = getattr(signal, "SIGHUP", None)
     if hangup is not None and signal.getsignal(hangup) != signal.SIG_IGN:  # not under nohup
@@ -69,12 +69,17 @@ def main() -> None:
     except SymcalError as error:
         _say(error)
         sys.exit(1)
+    finally:
+        app.registered_commands = list(_COMMANDS)
 
 
-def _called() -> list[str]:
-    """The command of this call, or of the line that a shell wants completed."""
+def read_commands() -> list[CommandInfo]:
+    """The commands whose parameters are read: the called one, or that of the line which a shell wants completed; all
+    where that is none. typer reads those of every command it knows before it looks which one is called.
+    """
     line = os.environ.get("_TYPER_COMPLETE_ARGS") or os.environ.get("COMP_WORDS")
-    return line.split()[1:2] if "_SYMCAL_COMPLETE" in os.environ and line else sys.argv[1:2]
+    called = line.split()[1:2] if "_SYMCAL_COMPLETE" in os.environ and line else sys.argv[1:2]
+    return [each for each in _COMMANDS if each.name in called] or list(_COMMANDS)
 
 
 def _say(error: SymcalError) -> None:

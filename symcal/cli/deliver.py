@@ -134,12 +134,13 @@ def schema(
     from symcal.cli.reply import reply
     from symcal.config.experiment import experiment_type
     from symcal.config.trials import StudyFile
+    from symcal.documents.document import json_schema
     from symcal.errors import InputError
     from symcal.robot.schema import RobotFile
 
     models: dict[str, Any] = {"experiment": experiment_type(), "robot": RobotFile, "study": StudyFile}
     if kind not in models:
         raise InputError("no such schema", found=kind, allowed=models)
-    content = models[kind].model_json_schema()
+    content = json_schema(models[kind])
     reply(lambda: content)
     typer.echo(json.dumps(content, indent=2))

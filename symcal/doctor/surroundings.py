@@ -28,20 +28,26 @@ def figure_font_finding() -> Finding:
 
 
 def report_font_finding() -> Finding:
-    """The fonts of the reports, which come with Typst; those of the system are not asked for."""
+    """The fonts of the reports, which come with Typst: a line in each of them is set."""
     import typst
 
     templates = [part for part in files("symcal.report").joinpath("templates").iterdir() if part.name.endswith(".typ")]
-    if not templates:
+    wanted = sorted({name for part in templates for name in _FONT.findall(part.read_text(encoding="utf-8"))})
+    if not wanted:
         do = "pip install --force-reinstall symcal"
         return Finding("fonts of reports", "broken", "the templates of the reports are missing", do)
-    text = "".join(part.read_text(encoding="utf-8") for part in templates)
-    wanted = sorted(set(re.findall(r'font: "([^"]+)"', text)))
-    missing = set(wanted) - set(typst.Fonts(include_system_fonts=False).families())
-    if missing:
+    try:
+        _, warnings = typst.compile_with_warnings("".join(f'#text(font: "{name}")[a]' for name in wanted).encode())
+    except typst.TypstError as error:
         do = "pip install --force-reinstall typst"
-        return Finding("fonts of reports", "note", f"not in typst: {', '.join(sorted(missing))}", do)
+        return Finding("fonts of reports", "broken", f"typst makes no PDF: {error}", do)
+    if warnings:
+        do = "pip install --force-reinstall typst"
+        return Finding("fonts of reports", "note", "; ".join(each.message for each in warnings), do)
     return Finding("fonts of reports", "ok", f"{', '.join(wanted)} (in typst)")
+
+
+_FONT = re.compile(r'font: "([^"]+)"')
 
 
 def temporary_finding() -> Finding:

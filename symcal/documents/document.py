@@ -317,6 +317,18 @@ def _leaves(annotation: Any) -> list[Any]:
     return []
 
 
+def json_schema(model: type[BaseModel]) -> dict[str, Any]:
+    """What may stand in a file, for editors; of every schema of its family first built what was left for later.
+
+    pydantic before 2.14 cannot write a default that is an object of a schema that nobody built.
+    """
+    families: list[type[BaseModel]] = [Strict, Loose]
+    for each in families:
+        families.extend(each.__subclasses__())
+        each.model_rebuild()
+    return model.model_json_schema()
+
+
 def write_document(path: Path | str, data: Mapping[str, Any]) -> None:
     """Write a YAML mapping that `read_document` reads back to the same numbers.
 

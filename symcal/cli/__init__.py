@@ -6,8 +6,8 @@ import gc
 import os
 import signal
 import sys
-
-from typer.models import CommandInfo
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from symcal.cli.app import app
 from symcal.cli.bench import bench
@@ -45,8 +45,6 @@ for command in (
 ):
     app.command(command.__name__.rstrip("_"))(WithJson(command))
 
-_COMMANDS = tuple(app.registered_commands)
-
 _OBJECTS = (
     400_000  # new ones before garbage is looked for: loading makes many that stay, and looking through them is slow
 )
@@ -56,30 +54,24 @@ def main() -> None:
     """Entry point: an input error is one message and exit code 1; a traceback is a bug of ours."""
     gc.set_threshold(_OBJECTS, 50, 100)
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "true")  # it would look through all installed packages for them
-    app.registered_commands = read_commands()
     signal.signal(signal.SIGTERM, _stop)
     hangup = getattr(signal, "SIGHUP", None)
     if hangup is not None and signal.getsignal(hangup) != signal.SIG_IGN:  # not under nohup
         signal.signal(hangup, _stop)
     try:
-        with named_stdout():
+        with named_stdout(), _called_alone():
             if json_asked(sys.argv[1:]):
                 answer(app, next((each for each in sys.argv[1:2] if not each.startswith("-")), None), _say)
             app()
     except SymcalError as error:
         _say(error)
         sys.exit(1)
-    finally:
-        app.registered_commands = list(_COMMANDS)
 
 
-def read_commands() -> list[CommandInfo]:
-    """The commands whose parameters are read: the called one, or that of the line which a shell wants completed; all
-    where that is none. typer reads those of every command it knows before it looks which one is called.
-    """
+def _called() -> list[str]:
+    """The command of this call, or of the line that a shell wants completed; empty where there is none."""
     line = os.environ.get("_TYPER_COMPLETE_ARGS") or os.environ.get("COMP_WORDS")
-    called = line.split()[1:2] if "_SYMCAL_COMPLETE" in os.environ and line else sys.argv[1:2]
-    return [each for each in _COMMANDS if each.name in called] or list(_COMMANDS)
+    return line.split()[1:2] if "_SYMCAL_COMPLETE" in os.environ and line else sys.argv[1:2]
 
 
 def _say(error: SymcalError) -> None:
@@ -97,6 +89,17 @@ def _say(error: SymcalError) -> None:
                 console.print(line, style=style, markup=False, highlight=False)
     except OSError:
         silence(sys.stderr)
+
+
+@contextmanager
+def _called_alone() -> Iterator[None]:
+    """Typer reads the parameters of every command it knows before it looks which one is called: it knows that one."""
+    known = app.registered_commands
+    app.registered_commands = [command for command in known if command.name in _called()] or known
+    try:
+        yield
+    finally:
+        app.registered_commands = known
 
 
 def _stop(number: int, _: object) -> None:

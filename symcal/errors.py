@@ -12,7 +12,16 @@ from pathlib import Path
 
 
 class SymcalError(Exception):
-    """Root of all errors that the user can mend."""
+    """Root of all errors that the user can mend.
+
+    Example:
+        >>> import symcal as sc
+        >>> try:
+        ...     sc.load_robot("nowhere.yaml")
+        ... except sc.SymcalError as error:
+        ...     print(type(error).__name__)
+        InputError
+    """
 
 
 class InputError(SymcalError):
@@ -22,6 +31,14 @@ class InputError(SymcalError):
         message: what is wrong and what to do.
         file, line, key, column: where; each may be None when it does not apply. Lines count from 1.
         found: the offending value as text. allowed: the values that would do.
+
+    Example:
+        >>> import symcal as sc
+        >>> try:
+        ...     sc.parse_board("chessboard:9x6:25")
+        ... except sc.InputError as error:
+        ...     print(error.found)
+        25
     """
 
     def __init__(
@@ -89,4 +106,14 @@ def printable(text: str) -> str:
 
 
 class RefusedError(SymcalError):
-    """The input is readable, but what is asked cannot be done honestly with it; the message says why and what helps."""
+    """The input is readable, but what is asked cannot be done honestly with it; the message says why and what helps.
+
+    Example:
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/handling_robot.yaml")
+        >>> try:
+        ...     sc.wanted(robot, [[[1, 0, 0, 300], [0, 1, 0, 300], [0, 0, 1, 900], [0, 0, 0, 1]]])
+        ... except sc.RefusedError as error:
+        ...     print(str(error)[:27])
+        handling-robot has 5 joints
+    """

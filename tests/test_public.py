@@ -1,16 +1,43 @@
-"""The public names: each is there, and importing the package loads nothing heavy."""
+"""The public names: each is there, has an example that runs, and importing the package loads nothing heavy."""
 
+import doctest
+import inspect
+import re
 import subprocess
 import sys
 
 import pytest
+from conftest import ROOT
 
 import symcal as sc
+from symcal.instruments import KINDS
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """An empty folder with the shipped configs; kinds of instruments that an example registers are forgotten."""
+    (tmp_path / "configs").symlink_to(ROOT / "configs")
+    monkeypatch.chdir(tmp_path)
+    before = dict(KINDS)
+    yield tmp_path
+    for name in set(KINDS) - set(before):
+        KINDS.pop(name)
 
 
 @pytest.mark.parametrize("name", sc.__all__)
-def test_every_public_name_is_there_and_documented(name: str) -> None:
-    assert getattr(sc, name).__doc__
+@pytest.mark.usefixtures("folder")
+def test_every_public_name_has_an_example_that_runs(name: str) -> None:
+    said = inspect.getdoc(getattr(sc, name))
+    assert said
+    test = doctest.DocTestParser().get_doctest(said, {}, name, None, 0)
+    assert test.examples, "no example"
+    wrong: list[str] = []
+    assert doctest.DocTestRunner(verbose=False).run(test, out=wrong.append).failed == 0, "".join(wrong)
+
+
+def test_the_api_page_has_every_public_name_once() -> None:
+    page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    assert sorted(re.findall(r"^\.\. auto\w+:: (\w+)$", page, re.M)) == sorted(sc.__all__)
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:

@@ -117,6 +117,16 @@ def test_words_go_to_standard_error_and_help_stays_help(symcal: Call) -> None:
     assert (code, out.split()[0]) == (0, "Usage:")
 
 
+def test_first_files_are_named(symcal: Call) -> None:
+    listed = asked(symcal, "init", "--list")["results"]
+    assert "ur5e" in listed["arms"]
+    instrument = listed["instruments"][0]
+    said = asked(symcal, "init", "--arm", "ur5e", "--instrument", instrument, "--out", "first")
+    assert said["written"]
+    assert all(Path(name).is_file() for name in said["written"])
+    assert said["results"]["guesses"] > 0
+
+
 def test_images_boards_and_imports(symcal: Call, tmp_path: Path) -> None:
     board = asked(symcal, "board", "chessboard:9x6:25mm", "--quiet")
     assert (board["written"], board["results"]["page"]) == (["board.pdf"], "A4")

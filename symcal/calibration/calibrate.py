@@ -31,9 +31,12 @@ from symcal.fit.residual_rows import rows_of
 from symcal.fit.variances import VarianceModel, Variances
 from symcal.model.measurement import Setup
 from symcal.model.model import Model, State, build_model
+from symcal.notebook import html_table
 from symcal.placing.placement import Placed, from_other, placed, placed_by, stated
 from symcal.placing.placement import place as place
 from symcal.robot.robot import Record, Robot
+from symcal.units import in_mrad
+from symcal.words import number, percent
 
 Array = NDArray[np.float64]
 
@@ -54,6 +57,19 @@ class Calibration:
         before and with joint zeros alone refers to that. extension: what was found beyond geometry, where that was
         asked for. mistakes: between robot file and measurements, that explain them far better than they are as given.
     placing: how everything was placed, and by a baseline of its own.
+
+    Example:
+        >>> import numpy as np
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/handling_robot.yaml")
+        >>> task, rng = sc.Task.of("position"), np.random.default_rng(1)
+        >>> q = rng.uniform(robot.lower, robot.upper, (40, robot.dof))
+        >>> data = sc.simulate(sc.build_model(robot, task), {"theta_4": 0.002}, q, sc.Noise(position=0.02), rng)
+        >>> calibration = sc.identify(robot, data, task)
+        >>> list(calibration.states)
+        ['before_raw', 'before', 'offsets_only', 'after']
+        >>> calibration.after.identifiability.rank
+        11
     """
 
     model: Model
@@ -82,6 +98,18 @@ class Calibration:
             "offsets_only": State(self.bare or self.model, self.setup, self.offsets.x, self.before.unplaced),
             "after": State(self.model, self.setup, self.after.x, self.before.unplaced),
         }
+
+    def _repr_html_(self) -> str:
+        """Errors of the parameters that were estimated, with what the data told of each."""
+        fit, parameters = self.after, self.model.parameters
+        rows = []
+        for name, sigma, learnt in zip(fit.free, fit.posterior.sigmas, fit.posterior.learnt, strict=True):
+            i = parameters.names.index(name)
+            unit, factor = in_mrad(parameters.units[i])
+            rows.append([name, number(fit.x[i] * factor), number(sigma * factor), unit, percent(learnt)])
+        title = f"{self.robot.name}: {fit.identifiability.rank} of {len(fit.free)} directions seen"
+        head = ["parameter", "error", "sigma", "unit", "learnt from the data"]
+        return html_table(title, head, rows, ([fit.trouble] if fit.trouble else []) + list(self.notes))
 
 
 def calibrate(

@@ -52,6 +52,18 @@ def cross_validate(
             if it is known: the fits of the folds start where places stand in it, see `calibrate_near`.
     Raises:
         RefusedError: too few poses for a fold's identification.
+
+    Example:
+        >>> import numpy as np
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/handling_robot.yaml")
+        >>> task, rng = sc.Task.of("position"), np.random.default_rng(1)
+        >>> q = rng.uniform(robot.lower, robot.upper, (40, robot.dof))
+        >>> data = sc.simulate(sc.build_model(robot, task), {"theta_4": 0.002}, q, sc.Noise(position=0.02), rng)
+        >>> model = sc.build_model(robot, task)
+        >>> errors = sc.cross_validate(model, data, sc.Options(), 4, rng)
+        >>> errors["after"].statistics.rms < errors["before"].statistics.rms
+        True
     """
     baseline = baseline_model(model)
     parts: dict[str, list[Errors]] = {}
@@ -71,5 +83,17 @@ def cross_validate(
 
 
 def compare(calibration: Calibration, data: Dataset) -> Mapping[str, Errors]:
-    """Errors of every state of a calibration on the same measurements."""
+    """Errors of every state of a calibration on the same measurements.
+
+    Example:
+        >>> import numpy as np
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/handling_robot.yaml")
+        >>> task, rng = sc.Task.of("position"), np.random.default_rng(1)
+        >>> q = rng.uniform(robot.lower, robot.upper, (40, robot.dof))
+        >>> data = sc.simulate(sc.build_model(robot, task), {"theta_4": 0.002}, q, sc.Noise(position=0.02), rng)
+        >>> errors = sc.compare(sc.identify(robot, data, task), data)
+        >>> errors["after"].statistics.rms < errors["before"].statistics.rms
+        True
+    """
     return {name: evaluate(state, data) for name, state in calibration.states.items()}

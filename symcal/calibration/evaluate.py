@@ -91,6 +91,12 @@ def statistics(values: Array, taken: float = 0.0) -> Statistics:
 
     Args:
         taken: how many of the k were taken by parameters fitted to them; the rms is over what is left.
+
+    Example:
+        >>> import numpy as np
+        >>> import symcal as sc
+        >>> float(sc.statistics(np.array([0.3, 0.4, 0.5])).max)
+        0.5
     """
     return Statistics(
         float(values.mean()),
@@ -107,6 +113,17 @@ def evaluate(state: State, data: Dataset) -> Errors:
 
     Raises:
         RefusedError: none of them has read anything at these poses.
+
+    Example:
+        >>> import numpy as np
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/handling_robot.yaml")
+        >>> task, rng = sc.Task.of("position"), np.random.default_rng(1)
+        >>> q = rng.uniform(robot.lower, robot.upper, (40, robot.dof))
+        >>> data = sc.simulate(sc.build_model(robot, task), {"theta_4": 0.002}, q, sc.Noise(position=0.02), rng)
+        >>> calibration = sc.identify(robot, data, task)
+        >>> bool(sc.evaluate(calibration.states["after"], data).statistics.rms < 0.1)
+        True
     """
     return judging(state.model.task, evaluate_each(state, data))
 

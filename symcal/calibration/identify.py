@@ -83,6 +83,17 @@ def identify(
     Raises:
         InputError: names that the model does not have, files that cannot be read. RefusedError: too few poses, or data
         that the robot cannot have produced.
+
+    Example:
+        >>> import numpy as np
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/handling_robot.yaml")
+        >>> task, rng = sc.Task.of("position"), np.random.default_rng(1)
+        >>> q = rng.uniform(robot.lower, robot.upper, (40, robot.dof))
+        >>> data = sc.simulate(sc.build_model(robot, task), {"theta_4": 0.002}, q, sc.Noise(position=0.02), rng)
+        >>> calibration = sc.identify(robot, data, task)
+        >>> calibration.after.identifiability.rank, len(calibration.after.free)
+        (11, 15)
     """
     if isinstance(robot, Model):
         if sigma is None:

@@ -60,6 +60,17 @@ def robot_difference(first: Robot, second: Robot) -> RobotDifference:
     Raises:
         InputError: one of them was never calibrated, or its covariance is none.
         RefusedError: they are different robots, or estimate nothing in common.
+
+    Example:
+        >>> import numpy as np
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/handling_robot.yaml")
+        >>> task, rng = sc.Task.of("position"), np.random.default_rng(1)
+        >>> q = rng.uniform(robot.lower, robot.upper, (40, robot.dof))
+        >>> data = sc.simulate(sc.build_model(robot, task), {"theta_4": 0.002}, q, sc.Noise(position=0.02), rng)
+        >>> first, second = (sc.identify(robot, data.take(half), task).robot for half in (range(20), range(20, 40)))
+        >>> len(sc.robot_difference(first, second).names)
+        15
     """
     records = _record(first), _record(second)
     differs = what_differs(first, second)

@@ -39,6 +39,16 @@ def simulate(
         cannot read there, such as a point out of the camera's image, and for a target of which too little is seen.
     Raises:
         RefusedError: a true robot that cannot touch there.
+
+    Example:
+        >>> import numpy as np
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/handling_robot.yaml")
+        >>> task, rng = sc.Task.of("position"), np.random.default_rng(1)
+        >>> q = rng.uniform(robot.lower, robot.upper, (40, robot.dof))
+        >>> data = sc.simulate(sc.build_model(robot, task), {"theta_4": 0.002}, q, sc.Noise(position=0.02), rng)
+        >>> data.z.shape
+        (40, 3)
     """
     x = model.parameters.vector(truth)
     touching = touched(model.measurement, model.setup, q)

@@ -41,6 +41,11 @@ class Board:
             of a tag.
         marker: side of a ChArUco marker, mm. dictionary: of the markers or tags, such as DICT_4X4_50.
         gap: between the tags of a grid, mm.
+
+    Example:
+        >>> import symcal as sc
+        >>> str(sc.Board("chessboard", columns=9, rows=6, square=25.0))
+        'chessboard:9x6:25mm'
     """
 
     kind: BoardKind
@@ -124,6 +129,12 @@ def parse_board(text: str) -> Board:
 
     Raises:
         InputError: not of this form, an unknown kind, or a length without its unit.
+
+    Example:
+        >>> import symcal as sc
+        >>> board = sc.parse_board("charuco:12x9:30mm:22mm")
+        >>> board.columns, board.rows, board.square, board.dictionary
+        (12, 9, 30.0, 'DICT_4X4_100')
     """
     kind, _, rest = text.strip().partition(":")
     if kind not in get_args(BoardKind):

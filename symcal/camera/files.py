@@ -170,12 +170,26 @@ def read_camera(path: Path | str) -> Camera:
 
     Raises:
         InputError: with file, line and key.
+
+    Example:
+        >>> import symcal as sc
+        >>> camera = sc.read_camera("configs/vision/camera_data_sheet.yaml")
+        >>> camera.width, camera.height
+        (2448, 2048)
     """
     return _camera(read_document(path))
 
 
 def write_camera(path: Path | str, camera: Camera, provenance: Mapping[str, Any] | None = None) -> None:
-    """Write a camera.yaml that `read_camera` reads back to the same numbers."""
+    """Write a camera.yaml that `read_camera` reads back to the same numbers.
+
+    Example:
+        >>> import symcal as sc
+        >>> camera = sc.read_camera("configs/vision/camera_data_sheet.yaml")
+        >>> sc.write_camera("camera.yaml", camera)
+        >>> sc.read_camera("camera.yaml").fx == camera.fx
+        True
+    """
     write_document(path, camera_to_dict(camera, provenance))
 
 

@@ -16,6 +16,7 @@ from symcal.cli.deliver import compensate, export, import_, schema
 from symcal.cli.doctor import doctor
 from symcal.cli.identify import check, identify, run, validate
 from symcal.cli.images import board, camera, measure
+from symcal.cli.init import init
 from symcal.cli.plan import plan
 from symcal.cli.reply import WithJson, answer, json_asked
 from symcal.cli.stdout import named_stdout, silence
@@ -26,6 +27,7 @@ from symcal.errors import InputError, SymcalError, printable
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 for command in (
+    init,
     run,
     study,
     plan,

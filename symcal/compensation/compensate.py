@@ -195,6 +195,18 @@ def compensate(
         caps: largest correction of a joint, rad and mm.
     Raises:
         RefusedError: ``pose`` for targets without orientation or an arm with fewer than six joints.
+
+    Example:
+        >>> import numpy as np
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/handling_robot.yaml")
+        >>> task, rng = sc.Task.of("position"), np.random.default_rng(1)
+        >>> q = rng.uniform(robot.lower, robot.upper, (40, robot.dof))
+        >>> data = sc.simulate(sc.build_model(robot, task), {"theta_4": 0.002}, q, sc.Noise(position=0.02), rng)
+        >>> calibrated = sc.identify(robot, data, task).robot
+        >>> corrected = sc.compensate(calibrated, sc.commanded(calibrated, q[:3]), rng)
+        >>> corrected.joints.shape
+        (3, 5)
     """
     if pose and not targets.oriented:
         raise RefusedError("these targets are positions: without an orientation there is no pose to compensate")

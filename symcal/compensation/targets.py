@@ -70,6 +70,12 @@ def commanded(robot: Robot, joints: Array) -> Targets:
         joints: readings, shape (N, dof), rad and mm.
     Raises:
         InputError: wrong shape, a number that is not finite, or a reading outside the joint's limits.
+
+    Example:
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/ur5.yaml")
+        >>> len(sc.commanded(robot, [[0.1, -1.2, 1.0, -1.5, -1.5, 0.0]]))
+        1
     """
     joints = _checked(robot, joints)
     (poses,) = batch_function(tool_pose(robot.nominal()), evaluations=len(joints))(joints)
@@ -85,6 +91,13 @@ def wanted(robot: Robot, targets: Array, *, joints: Array | None = None, frame: 
     Raises:
         InputError: wrong shapes or numbers that are not finite.
         RefusedError: poses for an arm with fewer than six joints.
+
+    Example:
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/ur5.yaml")
+        >>> targets = sc.wanted(robot, [[400.0, -200.0, 300.0]])
+        >>> len(targets), targets.oriented
+        (1, False)
     """
     targets = np.asarray(targets, dtype=np.float64)
     if targets.ndim < 2 or targets.shape[1:] not in ((3,), (4, 4)) or not np.isfinite(targets).all():

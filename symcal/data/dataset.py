@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from symcal.errors import InputError
 from symcal.instruments import Instrument, kind_named
-from symcal.words import in_short
+from symcal.notebook import html_table
+from symcal.words import in_short, plural
 
 Array = NDArray[np.float64]
 
@@ -72,6 +73,18 @@ class Dataset:
         reading (`q2_direction`: -1, 1; 0 not known), `payload` in kg beyond that of the robot file.
     labels: the pose's name in its source, after its session where there are several. split: `train`, `test` or
         `unused` per pose.
+
+    Example:
+        >>> import numpy as np
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/handling_robot.yaml")
+        >>> task, rng = sc.Task.of("position"), np.random.default_rng(1)
+        >>> q = rng.uniform(robot.lower, robot.upper, (40, robot.dof))
+        >>> data = sc.simulate(sc.build_model(robot, task), {"theta_4": 0.002}, q, sc.Noise(position=0.02), rng)
+        >>> len(data), data.q.shape, data.z.shape
+        (40, (40, 5), (40, 3))
+        >>> len(data.take(range(10)))
+        10
     """
 
     of: tuple[Readings, ...]
@@ -87,6 +100,18 @@ class Dataset:
 
     def __len__(self) -> int:
         return len(self.q)
+
+    def _repr_html_(self) -> str:
+        """What was read how often, in which units."""
+        rows, at = [], 0
+        for each in self.of:
+            read = int(np.isfinite(self.z[:, at : at + each.width]).any(axis=1).sum())
+            columns = ", ".join(f"{name} {unit}" if unit else name for name, unit in each.instrument.file_columns)
+            rows.append([each.name or each.kind, each.said(), columns or "joint readings alone", str(read)])
+            at += each.width
+        splits = ", ".join(f"{self.split.count(name)} {name}" for name in dict.fromkeys(self.split))
+        title = f"{plural(len(self), 'pose')}" + (f" ({splits})" if splits else "")
+        return html_table(title, ["observation", "reads", "columns", "poses"], rows, self.notes)
 
     @property
     def only(self) -> Readings:

@@ -61,6 +61,17 @@ def load_measurements(
             kind when empty.
     Raises:
         InputError: with line and column for everything that cannot be read; nothing is dropped silently.
+
+    Example:
+        >>> import numpy as np
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/handling_robot.yaml")
+        >>> task, rng = sc.Task.of("position"), np.random.default_rng(1)
+        >>> q = rng.uniform(robot.lower, robot.upper, (40, robot.dof))
+        >>> data = sc.simulate(sc.build_model(robot, task), {"theta_4": 0.002}, q, sc.Noise(position=0.02), rng)
+        >>> sc.save_measurements(data, robot, "measurements.csv")
+        >>> len(sc.load_measurements("measurements.csv", robot, "position"))
+        40
     """
     layout = Layout(columns or {}, where or {}, delimiter, decimal)
     whole = layout.table(path) if session is None else layout.table(path).where({"session": session})

@@ -12,10 +12,21 @@ from numpy.typing import NDArray
 
 from symcal.data.conditions import written_conditions
 from symcal.data.dataset import Dataset
+from symcal.instruments import Instrument
 from symcal.outputs.whole_file import write_whole
 from symcal.robot.robot import Robot
 
 _AT_ONCE = 10_000  # rows of the table, whose numbers are objects for a while
+
+
+def joint_columns(robot: Robot) -> list[str]:
+    """Names of the columns of joint readings, with their units."""
+    return [f"q{i}_{'deg' if joint.revolute else 'mm'}" for i, joint in enumerate(robot.joints, start=1)]
+
+
+def reading_columns(kind: Instrument) -> list[str]:
+    """Names of the columns of a reading, with their units."""
+    return [name if unit is None else f"{name}_{unit}" for name, unit in kind.file_columns]
 
 
 def save_measurements(data: Dataset, robot: Robot, path: Path | str, head_lines: Sequence[str] = ()) -> None:
@@ -25,9 +36,20 @@ def save_measurements(data: Dataset, robot: Robot, path: Path | str, head_lines:
         head_lines: what stands before the table, a comment each.
     Raises:
         InputError: the file cannot be written.
+
+    Example:
+        >>> from pathlib import Path
+        >>> import numpy as np
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/handling_robot.yaml")
+        >>> task, rng = sc.Task.of("position"), np.random.default_rng(1)
+        >>> q = rng.uniform(robot.lower, robot.upper, (40, robot.dof))
+        >>> data = sc.simulate(sc.build_model(robot, task), {"theta_4": 0.002}, q, sc.Noise(position=0.02), rng)
+        >>> sc.save_measurements(data, robot, "measurements.csv")
+        >>> print(Path("measurements.csv").read_text().split()[0])
+        pose,q1_deg,q2_mm,q3_mm,q4_deg,q5_deg,point,x_mm,y_mm,z_mm,split
     """
-    units = ["deg" if joint.revolute else "mm" for joint in robot.joints]
-    head = ["pose", *(f"q{i}_{unit}" for i, unit in enumerate(units, start=1))]
+    head = ["pose", *joint_columns(robot)]
     q = np.where([joint.revolute for joint in robot.joints], np.rad2deg(data.q), data.q)
     conditions = written_conditions(data, robot)
     head += conditions
@@ -35,7 +57,7 @@ def save_measurements(data: Dataset, robot: Robot, path: Path | str, head_lines:
     size, width = len(kind.columns), sum(quantity.size for quantity in kind.quantities)
     named = kind.reads != "frame"
     head += ["point"] if named else []
-    head += [name if unit is None else f"{name}_{unit}" for name, unit in kind.file_columns]
+    head += reading_columns(kind)
     if data.sigma is not None:
         head += [f"{name}_{quantity.unit}" for quantity in kind.quantities for name in quantity.sigma_columns]
     features = data.only.features or ("",)

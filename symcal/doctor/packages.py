@@ -21,6 +21,7 @@ USES = {
     "cluster": "studies on a Dask cluster, tables as Parquet",
     "bench": "other programs beside symcal in `symcal bench`",
     "test": "the tests",
+    "docs": "the documentation",
     "dev": "lint and types",
 }
 """What extras are for."""

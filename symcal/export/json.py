@@ -78,6 +78,11 @@ def save_json(robot: Robot, path: Path | str, *, force: bool = False) -> None:
         force: whether also a calibration that was refused or never judged (`symcal.export.gate`).
     Raises:
         InputError: the file cannot be written. RefusedError: the calibration was refused; the robot has a remainder.
+
+    Example:
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/ur5.yaml")
+        >>> sc.save_json(robot, "robot.json")
     """
     check_exportable(robot, force)
     write_whole(path, json_text(robot))

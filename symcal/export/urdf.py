@@ -34,6 +34,11 @@ def save_urdf(
         what was left out of its joint terms, None where nothing was.
     Raises:
         RefusedError: as `urdf_text`; the calibration was refused. InputError: the file cannot be written.
+
+    Example:
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/ur5.yaml")
+        >>> sc.save_urdf(robot, "robot.urdf")
     """
     check_exportable(robot, force)
     left = check_carries(robot, "urdf", approximate)

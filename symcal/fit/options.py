@@ -22,6 +22,12 @@ class Options:
         sizes of the link parameters (and one on those of each group of joint terms) is estimated, or they hold as
         stated. shrinking: groups of joint terms that may not be there at all: their factor is found whatever was
         stated.
+
+    Example:
+        >>> import symcal as sc
+        >>> options = sc.Options(loss="huber", sigma={"position": 0.05})
+        >>> options.solver
+        'levenberg_marquardt'
     """
 
     solver: SolverName = "levenberg_marquardt"

@@ -40,7 +40,16 @@ class ComponentKeys(Keys):
 
 @dataclass(frozen=True, slots=True)
 class Component(Instrument):
-    """directions: unit vectors in the instrument's frame, by name."""
+    """Coordinates of points along directions.
+
+    directions: unit vectors in the instrument's frame, by name.
+
+    Example:
+        >>> import symcal as sc
+        >>> gauge = sc.Component({"z": (0.0, 0.0, 1.0)})
+        >>> gauge.sees
+        ('z', 'rx', 'ry')
+    """
 
     name: ClassVar[str] = "component"
     label: ClassVar[str] = "coordinates"

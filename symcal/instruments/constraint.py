@@ -57,7 +57,13 @@ class Constraint(Instrument):
 
 @dataclass(frozen=True, slots=True)
 class FixedPoint(Constraint):
-    """A ball in a socket, a tip on a pin."""
+    """A ball in a socket, a tip on a pin.
+
+    Example:
+        >>> import symcal as sc
+        >>> sc.FixedPoint(tilt=1.0).constrains
+        True
+    """
 
     name: ClassVar[str] = "fixed_point"
     label: ClassVar[str] = "contacts with a fixed point"
@@ -80,7 +86,13 @@ class FixedPoint(Constraint):
 
 @dataclass(frozen=True, slots=True)
 class Plane(Constraint):
-    """A flat plate that is touched. radius: of the ball, mm."""
+    """A flat plate that is touched. radius: of the ball, mm.
+
+    Example:
+        >>> import symcal as sc
+        >>> sc.Plane(radius=10.0).sees
+        ('z', 'rx', 'ry')
+    """
 
     name: ClassVar[str] = "plane"
     label: ClassVar[str] = "contacts with a plane"

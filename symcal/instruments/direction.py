@@ -22,6 +22,14 @@ SX = ca.SX
 
 @dataclass(frozen=True, slots=True)
 class Direction(Instrument):
+    """Directions of the target's axes.
+
+    Example:
+        >>> import symcal as sc
+        >>> sc.Direction().sees
+        ('rx', 'ry', 'rz')
+    """
+
     name: ClassVar[str] = "direction"
     label: ClassVar[str] = "directions"
     reads: ClassVar[Literal["points", "axes", "frame"]] = "axes"

@@ -26,7 +26,15 @@ class DistanceKeys(Keys):
 
 @dataclass(frozen=True, slots=True)
 class Distance(Instrument):
-    """offset: reading at zero distance, mm; None: to be found."""
+    """Distances of points from the instrument's origin.
+
+    offset: reading at zero distance, mm; None: to be found.
+
+    Example:
+        >>> import symcal as sc
+        >>> sc.Distance(offset=None).has_unknowns, sc.Distance(offset=12.5).has_unknowns
+        (True, False)
+    """
 
     name: ClassVar[str] = "distance"
     label: ClassVar[str] = "distances"

@@ -18,6 +18,11 @@ class Noise:
 
     by_instrument: for one observation by name, where it differs. The noise of a pose's orientation is a rotation vector
     applied on the right (in the frame that is measured).
+
+    Example:
+        >>> import symcal as sc
+        >>> sc.Noise(position=0.05, distance=0.03).distribution
+        'normal'
     """
 
     distribution: Literal["normal", "uniform"]

@@ -38,7 +38,16 @@ class PixelKeys(Keys):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pixels(Instrument):
-    """camera: its optics; calibrate: whether the intrinsics are to be found too."""
+    """Image points of a target.
+
+    camera: its optics; calibrate: whether the intrinsics are to be found too.
+
+    Example:
+        >>> import symcal as sc
+        >>> eye = sc.Pixels(sc.read_camera("configs/vision/camera_data_sheet.yaml"))
+        >>> eye.columns
+        (('u', 'px'), ('v', 'px'))
+    """
 
     name: ClassVar[str] = "pixels"
     label: ClassVar[str] = "image points"

@@ -27,8 +27,16 @@ _LEVER = 200.0  # mm: as far apart are the marks from which attitudes are common
 
 @dataclass(frozen=True, slots=True)
 class Pose(Instrument):
-    """axes: whose axes the components of the residual have; `reported` is position by the observer's, turn by the
-    observed one's."""
+    """Position and attitude of frames.
+
+    axes: whose axes the components of the residual have; `reported` is position by the observer's, turn by the
+    observed one's.
+
+    Example:
+        >>> import symcal as sc
+        >>> [quantity.noise for quantity in sc.Pose().quantities]
+        ['position', 'orientation']
+    """
 
     name: ClassVar[str] = "pose"
     label: ClassVar[str] = "poses"

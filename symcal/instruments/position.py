@@ -17,6 +17,14 @@ SX = ca.SX
 
 @dataclass(frozen=True, slots=True)
 class Position(Instrument):
+    """Positions of points; `Tracker` is another name of it.
+
+    Example:
+        >>> import symcal as sc
+        >>> sc.Position().columns
+        (('x', 'mm'), ('y', 'mm'), ('z', 'mm'))
+    """
+
     name: ClassVar[str] = "position"
     label: ClassVar[str] = "positions"
     gives_point: ClassVar[bool] = True

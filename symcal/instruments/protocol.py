@@ -36,6 +36,12 @@ class Quantity:
     noise: name of the sigma. size: how many components. floor: noise of data that have none (rounding), in the unit.
     alike: noise of this quantity that goes with 1 mm, 1 rad or 1 px of the first one of the kind, roughly.
     sigma_columns: names of their sigmas in tables. sigma_column: that of one sigma for all of them.
+
+    Example:
+        >>> import symcal as sc
+        >>> (quantity,) = sc.Plane().quantities
+        >>> quantity.noise, quantity.unit, quantity.size
+        ('height', 'mm', 1)
     """
 
     noise: str
@@ -86,6 +92,11 @@ class Instrument:
     constrains: it reads nothing: the feature must lie on it. Its reading is zero then, and files have no columns of it.
     sees_length: whether its readings change when all lengths, its own place included, grow by the same share.
     is_camera, camera: whether it is one, and its optics.
+
+    Example:
+        >>> import symcal as sc
+        >>> isinstance(sc.Distance(), sc.Instrument), sc.Distance().columns
+        (True, (('distance', 'mm'),))
     """
 
     name: ClassVar[str]

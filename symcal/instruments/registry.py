@@ -28,6 +28,15 @@ def register(kind: type[Instrument]) -> type[Instrument]:
 
     Raises:
         InputError: there is one of this name.
+
+    Example:
+        >>> import symcal as sc
+        >>> @sc.register
+        ... class Probe(sc.Position):
+        ...     name = "probe"
+        ...     label = "probed points"
+        >>> Probe().columns
+        (('x', 'mm'), ('y', 'mm'), ('z', 'mm'))
     """
     if kind.name in KINDS:
         raise InputError("there is a kind of this name", key="instrument", found=kind.name)

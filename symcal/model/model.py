@@ -191,6 +191,13 @@ def build_model(robot: Robot, task: Task) -> Model:
     Raises:
         InputError: names in fix, scales or priors that the model does not have; parts that cannot be estimated
         together.
+
+    Example:
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/ur5.yaml")
+        >>> model = sc.build_model(robot, sc.Task.of("position"))
+        >>> len(model.parameters)
+        26
     """
     bare, choice = (replace(robot, record=None), task.without_data), choice_in_force()
     try:

@@ -40,6 +40,11 @@ class Place:
 
     frame: there, shape (4, 4), mm; its origin when None. unknown: the frame is to be found; ``frame`` is then a first
     guess, if there is one.
+
+    Example:
+        >>> import symcal as sc
+        >>> sc.Place("flange").on, sc.Place("world", unknown=True).unknown
+        ('flange', True)
     """
 
     on: str = "world"
@@ -68,6 +73,12 @@ class Target:
     incidence: of plates and boards, largest angle between their normal and the ray from a point to the camera at which
     it is seen, rad; by default 60 deg for discs and 75 deg for boards. least: how many of the points must be seen for
     any to count; None for what the kind of target needs.
+
+    Example:
+        >>> import symcal as sc
+        >>> smr = sc.Target("smr", sc.Place("flange"), {"P": (40.0, 0.0, 60.0)})
+        >>> list(smr.points)
+        ['P']
     """
 
     name: str = "tool"
@@ -147,6 +158,13 @@ class Observation:
     place_name, own_prefix: how its frame and its own numbers are called as parameters. data: what it has read, for
     `symcal.identify`: a Dataset of it alone, or the path of a CSV file. value: what it would read between two things
     that do not move against each other, where that is known instead; mm, rad.
+
+    Example:
+        >>> import symcal as sc
+        >>> smr = sc.Target("smr", sc.Place("flange"), {"P": (40.0, 0.0, 60.0)})
+        >>> wire = sc.Observation(sc.Distance(offset=None), "wire", at=sc.Place("world", unknown=True), target=smr)
+        >>> wire.name
+        'wire'
     """
 
     instrument: Instrument

@@ -45,6 +45,12 @@ class Task:
     observations: what reads postures; values: what is known between things that do not move against each other
     (`Observation.value`), wherever they stand in what is given. base, tool: whether the robot's own frames are unknown.
     fix: parameters to hold at nominal. scales, priors: by parameter name, mm or rad.
+
+    Example:
+        >>> import symcal as sc
+        >>> task = sc.Task.of("position", {"base", "tool"})
+        >>> len(task.observations)
+        1
     """
 
     observations: tuple[Observation, ...]

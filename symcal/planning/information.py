@@ -128,6 +128,15 @@ def pose_information(
             touch what they must. Only what a posture touches counts.
     Raises:
         RefusedError: the measurement determines nothing at this noise, or no pose is feasible.
+
+    Example:
+        >>> import numpy as np
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/handling_robot.yaml")
+        >>> model = sc.build_model(robot, sc.Task.of("position"))
+        >>> info = sc.pose_information(model.measurement, model.setup, {"position": 0.05})
+        >>> info.rank
+        11
     """
     robot, parameters = measurement.chain.robot, measurement.parameters
     area = working_area(robot) if area is None else area

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.data.saved_measurements import joint_columns
 from symcal.documents.csv_file import read_table
 from symcal.documents.table import joint_readings
 from symcal.errors import InputError
@@ -44,7 +45,7 @@ def write_plan(
     order = range(len(poses)) if motion is None else [int(i) for i in motion.order]
     known = [str(i + 1) for i in range(len(poses))] if names is None else names
     rows = [[known[i], *_cells(robot, poses[i])] for i in order]
-    header = ["pose", *_columns(robot)]
+    header = ["pose", *joint_columns(robot)]
     if touches is not None:
         header.append("touches")
         rows = [[*row, touches[i]] for row, i in zip(rows, order, strict=True)]
@@ -69,7 +70,7 @@ def write_waypoints(path: Path | str, robot: Robot, motion: Motion) -> None:
                 name = f"{int(i) + 1}" if k == last else ""
                 rows.append([repr(clock + float(time)), *_cells(robot, q), segment.kind, name])
         clock += segment.time
-    _write(Path(path), ["time_s", *_columns(robot), "segment", "pose"], rows)
+    _write(Path(path), ["time_s", *joint_columns(robot), "segment", "pose"], rows)
 
 
 def read_plan(path: Path | str, robot: Robot) -> tuple[Array, tuple[str, ...]]:
@@ -96,10 +97,6 @@ def read_plan(path: Path | str, robot: Robot) -> tuple[Array, tuple[str, ...]]:
         raise InputError(message, file=path, line=table.lines[i], key="pose", found=names[i])
     kept = list(first.values())
     return poses[kept], tuple(names[i] for i in kept)
-
-
-def _columns(robot: Robot) -> list[str]:
-    return [f"q{i}_{'deg' if joint.revolute else 'mm'}" for i, joint in enumerate(robot.joints, start=1)]
 
 
 def _cells(robot: Robot, q: Array) -> list[str]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from symcal.calibration.calibrate import one_thread
 from symcal.errors import InputError, RefusedError
+from symcal.notebook import html_table
 from symcal.planning.accuracy_forecast.prediction import Prediction, predict
 from symcal.planning.accuracy_forecast.random_plans import RandomPlans, random_plans
 from symcal.planning.area import Feasible
@@ -22,6 +23,7 @@ from symcal.planning.methods import METHODS, Method, SearchTask, fewest_poses, i
 from symcal.planning.optimal_design import TOLERANCE
 from symcal.planning.region import TaskRegion, area_region, region_accuracy
 from symcal.planning.worst_pose import FeasibleSet, feasible_set
+from symcal.words import number, plural, rounded_down
 
 Array = NDArray[np.float64]
 
@@ -56,6 +58,19 @@ class Plan:
 
     def __len__(self) -> int:
         return len(self.poses)
+
+    def _repr_html_(self) -> str:
+        """What the plan promises, and how good it is at least."""
+        rows = [
+            ["directions that it determines", str(self.rank), ""],
+            ["expected error, rms over the region", number(self.prediction.mean_pose_rms_mm), "mm"],
+            ["expected error, worst pose", number(self.prediction.worst_pose_rms_mm), "mm"],
+            ["of which unseen", number(self.prediction.hidden_mm), "mm"],
+            ["D-efficiency, at least", rounded_down(self.certificate.d_efficiency_lower_bound), ""],
+            ["G-efficiency", rounded_down(self.certificate.g_efficiency), ""],
+        ]
+        title = f"Plan of {plural(len(self), 'pose')}: {self.method}, criterion {self.criterion}"
+        return html_table(title, ["", "", "unit"], rows)
 
 
 @one_thread()
@@ -99,6 +114,16 @@ def select_poses(
     Raises:
         InputError: unknown method or criterion, or a required pose that is not feasible.
         RefusedError: too few poses to determine what is identifiable, or no feasible ones.
+
+    Example:
+        >>> import numpy as np
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/handling_robot.yaml")
+        >>> model = sc.build_model(robot, sc.Task.of("position"))
+        >>> info = sc.pose_information(model.measurement, model.setup, {"position": 0.05})
+        >>> plan = sc.select_poses(info, 20, np.random.default_rng(1), method="exchange", random=0)
+        >>> plan.poses.shape
+        (20, 5)
     """
     if method not in methods:
         raise InputError("no such search method", key="method", found=method, allowed=methods)

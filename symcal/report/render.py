@@ -42,6 +42,15 @@ def write_report(
 
     Raises:
         InputError: the file cannot be written.
+
+    Example:
+        >>> from pathlib import Path
+        >>> import symcal as sc
+        >>> bare = ["outputs.report=false", "outputs.figures=false"]
+        >>> folder, results = sc.run(Path("configs/simulated_arm.yaml"), Path("arm"), overrides=bare)
+        >>> sc.write_report(results, [], "again.pdf")
+        >>> Path("again.pdf").is_file()
+        True
     """
     write_whole(path, report_pdf(content, pictures, kind))
 

@@ -190,6 +190,12 @@ def convert(robot: Robot, convention: Convention) -> Robot:
     Raises:
         RefusedError: such a row was identified: the calibration record cannot say its error and variance as a frame's;
             or a joint's gravity has a weight at the flange, and the row moves the flange.
+
+    Example:
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/ur5.yaml")
+        >>> sc.convert(robot, "craig").convention
+        'craig'
     """
     if convention == robot.convention:
         return robot

@@ -29,6 +29,12 @@ def load_robot(path: Path | str) -> Robot:
 
     Raises:
         InputError: with file, line and key, for anything that is not as the schema says or cannot be.
+
+    Example:
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/ur5.yaml")
+        >>> [joint.name for joint in robot.joints][:3]
+        ['shoulder_pan', 'shoulder_lift', 'elbow']
     """
     file, physics = read_robot_file(path)
     length, angle = LENGTH[file.units.length], ANGLE[file.units.angle]
@@ -87,7 +93,19 @@ def save_robot(robot: Robot, path: Path | str, units: tuple[LengthUnit, AngleUni
 
     Raises:
         InputError: the file cannot be written.
+
+    Example:
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/ur5.yaml")
+        >>> sc.save_robot(robot, "copy.yaml")
+        >>> sc.load_robot("copy.yaml").parameters == robot.parameters
+        True
     """
+    write_document(path, robot_entries(robot, units))
+
+
+def robot_entries(robot: Robot, units: tuple[LengthUnit, AngleUnit] = ("mm", "deg")) -> dict[str, Any]:
+    """What stands in the file of a robot, by key."""
     length, angle = LENGTH[units[0]], ANGLE[units[1]]
     data: dict[str, Any] = {
         "schema": SCHEMA,
@@ -112,7 +130,7 @@ def save_robot(robot: Robot, path: Path | str, units: tuple[LengthUnit, AngleUni
             "nominal_tool": frame_entry(robot.record.nominal_tool, length),
             "provenance": dict(robot.record.provenance),
         }
-    write_document(path, data)
+    return data
 
 
 def frame_entry(matrix: Array, length: float = 1.0) -> dict[str, list[float]]:

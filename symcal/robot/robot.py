@@ -22,6 +22,7 @@ from symcal.errors import InputError
 from symcal.joints import Term, TermParameter
 from symcal.joints.arm import Mass, Payload
 from symcal.joints.remainder import Remainder
+from symcal.notebook import html_table
 from symcal.parameters import SCALE, Parameter, Unit, link_name
 from symcal.robot.schema import LINK_PARAMETERS
 from symcal.robot.schema import Convention as Convention
@@ -48,6 +49,11 @@ class Joint:
 
     lower, upper: limits of the reading, rad or mm; infinite when the file gives none.
     speed: largest speed of the reading, rad/s or mm/s; None when not given.
+
+    Example:
+        >>> import symcal as sc
+        >>> sc.Joint("revolute", "elbow", lower=-2.0, upper=2.0).revolute
+        True
     """
 
     kind: JointKind
@@ -71,7 +77,14 @@ class Joint:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """One joint and the link parameters that its transform contains (rad, mm)."""
+    """One joint and the link parameters that its transform contains (rad, mm).
+
+    Example:
+        >>> import symcal as sc
+        >>> link = sc.Link(sc.Joint("revolute", "elbow"), {"theta": 0.0, "a": 250.0})
+        >>> link.parameters["a"]
+        250.0
+    """
 
     joint: Joint
     parameters: Mapping[str, float]
@@ -108,6 +121,13 @@ class Robot:
     scales: plausible size of an error by parameter name (mm, rad) where it is not the default.
     terms: what joints add to their readings. down: direction of gravity in base. masses, payload: what gravity pulls
         at, as far as it is known. remainder: how the flange is displaced beyond all that.
+
+    Example:
+        >>> import symcal as sc
+        >>> links = [sc.Link(sc.Joint("revolute", name), {"theta": 0.0, "a": 250.0}) for name in ("upper", "lower")]
+        >>> robot = sc.Robot("planar", "standard", tuple(links))
+        >>> robot.dof, robot.reach
+        (2, 500.0)
     """
 
     name: str
@@ -126,6 +146,23 @@ class Robot:
     @property
     def dof(self) -> int:
         return len(self.links)
+
+    def _repr_html_(self) -> str:
+        """Joints and link parameters, in deg and mm."""
+        kinds = [kind for kind in LINK_PARAMETERS if any(kind in link.parameters for link in self.links)]
+        head = ["link", "joint", "kind", "limits", *(f"{kind} {'deg' if is_angle(kind) else 'mm'}" for kind in kinds)]
+        rows = []
+        for i, link in enumerate(self.links, start=1):
+            unit = math.degrees(1.0) if link.joint.revolute else 1.0
+            limits = f"{link.joint.lower * unit:g} to {link.joint.upper * unit:g} {'deg' if unit != 1 else 'mm'}"
+            given = [
+                f"{math.degrees(value) if is_angle(kind) else value:.6g}" if value is not None else ""
+                for kind, value in ((kind, link.parameters.get(kind)) for kind in kinds)
+            ]
+            rows.append([str(i), link.joint.name, link.joint.kind, limits, *given])
+        state = "nominal" if self.record is None else "calibrated"
+        terms = [f"joint terms: {', '.join(sorted({term.kind for term in self.terms}))}"] if self.terms else []
+        return html_table(f"{self.name}: {self.convention} convention, {state}", head, rows, terms)
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:

@@ -37,6 +37,14 @@ def load_urdf(path: Path | str, base_link: str, tip_link: str) -> Robot:
     Raises:
         InputError: not a URDF file, no such link, no chain of revolute, continuous, prismatic and fixed joints from
             base to tip, or a joint or a mass that cannot be read; with its line.
+
+    Example:
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/ur5.yaml")
+        >>> sc.save_urdf(robot, "robot.urdf")
+        >>> again = sc.load_urdf("robot.urdf", "base_link", "tool")
+        >>> again.dof, again.convention
+        (6, 'craig')
     """
     path = Path(path)
     root = read_urdf(path)

@@ -29,6 +29,17 @@ def run(
         study: the whole study of an experiment that has one; False for a single identification.
     Returns:
         the folder, and the content of its results.json.
+
+    Example:
+        >>> from pathlib import Path
+        >>> import symcal as sc
+        >>> folder, results = sc.run(
+        ...     Path("configs/simulated_arm.yaml"),
+        ...     Path("arm"),
+        ...     overrides=["outputs.report=false", "outputs.figures=false"],
+        ... )
+        >>> (folder / "calibrated.yaml").is_file()
+        True
     """
     experiment = load(path, seed=seed, overrides=overrides)
     target = out or Path("reports") / file_name(experiment.file.name)

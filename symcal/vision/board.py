@@ -60,6 +60,18 @@ def detect_boards(paths: Iterable[Path | str], board: Board) -> tuple[list[Board
     """Look for the board in image files; every file ends in exactly one of the two lists.
 
     The size that most images have is the camera's; images of another size are refused.
+
+    Example:
+        >>> import cv2
+        >>> import numpy as np
+        >>> import symcal as sc
+        >>> squares = np.indices((7, 10)).sum(axis=0) % 2 * 255
+        >>> image = np.pad(np.kron(squares, np.ones((40, 40))), 60, constant_values=255)
+        >>> cv2.imwrite("board.png", image.astype(np.uint8))
+        True
+        >>> found, refused = sc.detect_boards(["board.png"], sc.parse_board("chessboard:9x6:25mm"))
+        >>> len(found), len(refused)
+        (1, 0)
     """
     images: list[tuple[str, Image]] = []
     refusals: list[Refusal] = []

@@ -130,6 +130,22 @@ def calibrate_camera(
     Raises:
         RefusedError: too few views, or views that do not determine the camera.
         InputError: an unknown term.
+
+    Example:
+        >>> import numpy as np
+        >>> import symcal as sc
+        >>> from scipy.spatial.transform import Rotation
+        >>> x, y = (each.ravel() for each in np.meshgrid(30.0 * np.arange(9), 30.0 * np.arange(6)))
+        >>> rows = []
+        >>> for view, turn in enumerate(np.random.default_rng(1).uniform(-0.5, 0.5, (8, 3))):
+        ...     seen = Rotation.from_rotvec(turn).apply(np.c_[x - 120, y - 75, 0 * x]) + [0, 0, 600]
+        ...     u, v = 800 * seen[:, :2].T / seen[:, 2] + [[320], [240]]
+        ...     rows.append(np.c_[np.full(54, view), np.arange(54), x, y, u, v])
+        >>> head = "view,id,X_mm,Y_mm,u_px,v_px"
+        >>> np.savetxt("views.csv", np.vstack(rows), "%.8g", ",", header=head, comments="")
+        >>> found = sc.calibrate_camera(sc.load_corners("views.csv", size=(640, 480)))
+        >>> round(found.camera.fx), round(found.camera.cx)
+        (800, 320)
     """
     source: Board | CornerList
     if isinstance(views, CornerList):

@@ -55,6 +55,17 @@ def load_corners(path: Path | str, size: tuple[int, int]) -> CornerList:
     Raises:
         InputError: a column is missing or has the wrong unit, a cell is no number, a view has an id twice, an id has
         different coordinates in two views, an image point lies outside the image, or the target is too small or large.
+
+    Example:
+        >>> import numpy as np
+        >>> import symcal as sc
+        >>> x, y = (each.ravel() for each in np.meshgrid(30.0 * np.arange(9), 30.0 * np.arange(6)))
+        >>> view, number = np.zeros(54), np.arange(54)
+        >>> table = np.c_[view, number, x, y, 2 * x + 50, 2 * y + 50]
+        >>> np.savetxt("corners.csv", table, "%g", ",", header="view,id,X_mm,Y_mm,u_px,v_px", comments="")
+        >>> corners = sc.load_corners("corners.csv", size=(640, 480))
+        >>> len(corners.views)
+        1
     """
     if min(size) < 1:
         raise InputError("the image's size must be positive", key="size", found=f"{size[0]}x{size[1]}")

@@ -73,6 +73,12 @@ def export_c(
         InputError: the folder holds files that are not of an export, or cannot be written; the prefix is no identifier.
         RefusedError: the calibration was refused; the model has numbers that single precision cannot hold, or a smooth
             remainder.
+
+    Example:
+        >>> import symcal as sc
+        >>> robot = sc.load_robot("configs/robots/handling_robot.yaml")
+        >>> sc.export_c(robot, "c").prefix
+        'handling_robot'
     """
     check_exportable(robot, force)
     left = check_carries(robot, "c")

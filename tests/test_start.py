@@ -119,6 +119,25 @@ def test_a_command_is_read_alone_and_the_others_are_known(
     assert read == (["check"] if arguments[:1] == ["check"] else [command.name for command in whole])
 
 
+@pytest.mark.parametrize(
+    ("line", "wanted"),
+    [
+        ("symcal ex", {"export"}),
+        ("symcal export --a", {"--approximate"}),
+        ("symcal identify --", {"--data", "--out", "--seed", "--set", "--no-report", "--quiet", "--json", "--help"}),
+        ("symcal study --sch", {"--scheduler"}),
+    ],
+)
+def test_the_shell_completes_commands_and_the_options_of_each(line: str, wanted: set[str]) -> None:
+    """As bash asks for it, which gives the line in variables and the program's name as the only argument."""
+    asked = {"COMP_WORDS": line, "COMP_CWORD": str(len(line.split()) - 1), "_SYMCAL_COMPLETE": "complete_bash"}
+    code = "import sys; from symcal.cli import main; sys.argv = ['symcal']; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | asked, capture_output=True, text=True, check=True
+    )
+    assert set(done.stdout.split()) == wanted
+
+
 def test_help_loads_neither_numbers_nor_tables() -> None:
     found = loaded("--help")
     assert not found.intersection((*HEAVY, "numpy", "casadi", "pydantic", "yaml", "rich.console"))

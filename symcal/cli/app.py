@@ -10,7 +10,6 @@ import typer
 app = typer.Typer(
     help="Kinematic calibration of serial robots: plan, measure, identify, validate, compensate.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )

@@ -30,9 +30,11 @@ def bench(
     from symcal.bench.tables import machine_lines, tables
     from symcal.bench.write import bench as run_bench
     from symcal.cli import terminal
+    from symcal.cli.reply import reply
 
     with terminal.spinner(quiet) as progress:
         folder, content, more = run_bench(out, quick=quick, only=only, earlier=against, progress=progress)
+    reply(lambda: content, folder)
     if quiet:
         return
     console = terminal.output()

@@ -22,10 +22,12 @@ def compare(
     from rich.markup import escape
 
     from symcal.cli import terminal
+    from symcal.cli.reply import reply
     from symcal.runs.compare import compare_runs
 
     with terminal.spinner(quiet) as progress:
         content = compare_runs(runs, out, progress)
+    reply(lambda: content, *([] if out is None else [out]))
     if not quiet:
         print_comparison(content)
         if out is not None:

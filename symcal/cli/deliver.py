@@ -26,6 +26,7 @@ def compensate(
     from rich.markup import escape
 
     from symcal.cli import terminal
+    from symcal.cli.reply import reply
     from symcal.compensation.compensate import compensate as solve
     from symcal.compensation.compensate import write_joints
     from symcal.compensation.targets import read_targets
@@ -51,6 +52,8 @@ def compensate(
         )
     write_joints(result, place)
     left = left_out(robot, "commands")
+    notes = [] if left is None else [left.text]
+    reply(lambda: {"targets": result.facts(), "notes": notes}, place)
     if left is not None:
         Console(stderr=True, soft_wrap=True).print(left.text, markup=False, highlight=False)
     if not quiet:
@@ -74,6 +77,7 @@ def export(
     from rich.markup import escape
 
     from symcal.cli import terminal
+    from symcal.cli.reply import reply
     from symcal.export import FORMATS, export_robot
     from symcal.robot.files import load_robot
 
@@ -88,6 +92,7 @@ def export(
         notes.append(found.left_out.text)
     if robot.record is None:
         notes.append("this robot has no 'calibration': what is written is nominal")
+    reply(lambda: {"notes": notes}, *found.written)
     for note in notes:
         Console(stderr=True, soft_wrap=True).print(note, markup=False, highlight=False)
     if not quiet:
@@ -105,6 +110,8 @@ def import_(
     from rich.markup import escape
 
     from symcal.cli import terminal
+    from symcal.cli.reply import reply
+    from symcal.export.json import robot_json
     from symcal.outputs.whole_file import place_of
     from symcal.robot.files import save_robot
     from symcal.robot.urdf import load_urdf
@@ -113,6 +120,7 @@ def import_(
 
     robot = load_urdf(urdf, base, tip)
     save_robot(robot, place)
+    reply(lambda: robot_json(robot), place)
     terminal.print_robot(robot)
     terminal.output().print(f"written to {escape(str(place))}")
 
@@ -123,12 +131,16 @@ def schema(
     """Print the JSON Schema of a file, for editors that complete it."""
     import json
 
+    from symcal.cli.reply import reply
     from symcal.config.experiment import experiment_type
     from symcal.config.trials import StudyFile
+    from symcal.documents.document import json_schema
     from symcal.errors import InputError
     from symcal.robot.schema import RobotFile
 
     models: dict[str, Any] = {"experiment": experiment_type(), "robot": RobotFile, "study": StudyFile}
     if kind not in models:
         raise InputError("no such schema", found=kind, allowed=models)
-    typer.echo(json.dumps(models[kind].model_json_schema(), indent=2))
+    content = json_schema(models[kind])
+    reply(lambda: content)
+    typer.echo(json.dumps(content, indent=2))

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from symcal.cli.app import Experiment, NoReport, Out, Quiet, Seed, Set
 from symcal.errors import RefusedError
+
+if TYPE_CHECKING:
+    from symcal.robot.robot import Robot
 
 
 def run(
@@ -62,12 +65,14 @@ def validate(
 
     from symcal.calibration.tolerance import parse_tolerance
     from symcal.cli import terminal
+    from symcal.cli.reply import reply
     from symcal.runs.validate import validate_robot
 
     against = None if tolerance is None else parse_tolerance(tolerance, of)
     parts = tuple(refit.split(",")) if refit else ()
     with terminal.spinner(quiet) as progress:
         content = validate_robot(calibrated, data, out, parts, instrument, progress, against)
+    reply(lambda: content, *([] if out is None else [out]))
     if not quiet:
         terminal.print_accuracy(content)
         terminal.print_second(content)
@@ -83,6 +88,7 @@ def check(
 ) -> None:
     """Validate a file; print the model and what is identifiable."""
     from symcal.cli import terminal
+    from symcal.cli.reply import reply
     from symcal.documents.document import read_document
 
     document = read_document(file)  # what is no YAML is refused before anything else is loaded
@@ -96,7 +102,9 @@ def check(
 
         from symcal.trials.check import check_study
 
-        for line in check_study(file):
+        lines = check_study(file)
+        reply(lambda: {"study": lines})
+        for line in lines:
             terminal.output().print(escape(line))
         return
     if "links" in document.data:
@@ -105,8 +113,15 @@ def check(
     else:
         loaded = load(file)
         robot, found, data = loaded.robot, check_model(loaded.model), describe_data(loaded)
+    reply(lambda: {"robot": _plain(robot), **found.facts(), "measurements": list(data)})
     terminal.print_robot(robot)
     terminal.print_check(found, data)
+
+
+def _plain(robot: Robot) -> dict[str, Any]:
+    from symcal.export.json import robot_json
+
+    return robot_json(robot)
 
 
 def _outputs(overrides: list[str] | None, no_report: bool) -> list[str]:
@@ -130,12 +145,14 @@ def _identify(
     from rich.markup import escape
 
     from symcal.cli import terminal
+    from symcal.cli.reply import reply
     from symcal.runs.run import run as run_experiment
 
     with terminal.spinner(quiet) as progress:
         folder, content = run_experiment(
             experiment, out, seed=seed, overrides=overrides, data=data, study=study, progress=progress
         )
+    reply(lambda: content, folder)
     if not quiet:
         if "simulation_2" in content:
             terminal.print_study(content)

@@ -26,12 +26,15 @@ def board(
 
     from symcal.camera.board import parse_board
     from symcal.cli import terminal
+    from symcal.cli.reply import reply
     from symcal.outputs.whole_file import place_of
     from symcal.runs.board import print_board
 
     place = place_of(out, "board.pdf")
     parsed = parse_board(board)
     sheet = print_board(parsed, place, page)
+    paper = {"page": sheet.page, "width_mm": sheet.width, "height_mm": sheet.height}
+    reply(lambda: {"board": str(parsed)} | paper, place)
     if not quiet:
         console = terminal.output()
         console.print(f"{escape(str(parsed))} on {sheet.page} ({sheet.width:.0f} x {sheet.height:.0f} mm)")
@@ -82,6 +85,7 @@ def camera(
 
     from symcal.camera.board import parse_board
     from symcal.cli import terminal
+    from symcal.cli.reply import reply
     from symcal.errors import InputError
     from symcal.outputs.whole_file import place_of
     from symcal.runs.camera import calibrate_from_corners, calibrate_from_images, camera_content
@@ -115,8 +119,10 @@ def camera(
             done = calibrate_from_corners(
                 points, _size(size or ""), place, fix=fix or "none", skew=skew, progress=progress
             )
+    content = camera_content(done.calibration, done.verdict)
+    reply(lambda: content, *done.written)
     if not quiet:
-        terminal.print_camera(camera_content(done.calibration, done.verdict))
+        terminal.print_camera(content)
         for path in done.written:
             terminal.output().print(f"written to {escape(str(path))}")
 
@@ -160,6 +166,7 @@ def measure(
     from rich.markup import escape
 
     from symcal.cli import terminal
+    from symcal.cli.reply import reply
     from symcal.outputs.whole_file import place_of
     from symcal.runs.measure import measure_files
 
@@ -177,6 +184,8 @@ def measure(
             out=place,
             progress=progress,
         )
+    failures = [{"image": name, "reason": reason} for name, reason in found.failures]
+    reply(lambda: {"images": list(found.images), "failures": failures, "notes": list(found.notes)}, place)
     if not quiet:
         terminal.print_measured(found)
         terminal.output().print(f"written to {escape(str(place))}")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 import typer
 
 from symcal.cli.app import Quiet
+from symcal.cli.reply import reply
 
 if TYPE_CHECKING:
     from symcal.drafts.files import Written
@@ -48,6 +49,10 @@ def init(
     from symcal.drafts.robot_file import of_arm, of_urdf
 
     if list_:
+        from symcal.drafts.instrument import DRAFTS
+        from symcal.robot.arms import arm_names
+
+        reply(lambda: {"arms": list(arm_names()), "instruments": list(DRAFTS)})
         _print_arms()
         _print_instruments()
         return
@@ -67,6 +72,7 @@ def init(
         draft = draft_named(instrument)
     folder = out or Path(first_name(robot, draft))
     written = write_first_files(robot, draft, folder)
+    reply(lambda: {"guesses": written.guesses, "notes": list(robot.notes)}, *written.files)
     if not quiet:
         _print_written(written, robot.notes)
 

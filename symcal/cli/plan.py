@@ -23,10 +23,12 @@ def plan(
     from rich.markup import escape
 
     from symcal.cli import terminal
+    from symcal.cli.reply import reply
     from symcal.runs.plan import run_plan
 
     with terminal.spinner(quiet) as progress:
         folder, content = run_plan(experiment, out, seed=seed, overrides=set_ or (), progress=progress)
+    reply(lambda: content, folder)
     if not quiet:
         terminal.print_plan(content)
         terminal.output().print(f"written to {escape(str(folder))}")

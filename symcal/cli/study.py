@@ -30,6 +30,7 @@ def study(
 ) -> None:
     """Run an experiment thousands of times over a grid; again after an interrupt, it goes on."""
     from symcal.cli import terminal
+    from symcal.cli.reply import reply
     from symcal.trials.study import Execution, Interrupted, cores, run_study
 
     if scheduler is not None and workers is not None:
@@ -54,6 +55,7 @@ def study(
 
         Console(stderr=True, soft_wrap=True).print(f"symcal: {interrupted}", markup=False, highlight=False)
         raise typer.Exit(_INTERRUPTED) from None
+    reply(lambda: content, folder)
     if not quiet:
         from rich.markup import escape
 

@@ -295,6 +295,24 @@ def _print_instruments(console: Console, sets: Sequence[Any]) -> None:
     console.print(table)
 
 
+def print_findings(findings: Any) -> None:
+    """What an examination found, a line each: on a terminal as a table that breaks its lines, elsewhere as they are."""
+    console = output()
+    if not console.is_terminal:
+        for each in findings:
+            do = f" -> {each.do}" if each.do else ""
+            console.print(f"{each.state:6}  {each.subject}: {each.found}{do}", markup=False, highlight=False)
+        return
+    looks = {"ok": "green", "note": "yellow", "broken": "bold red"}
+    table = Table(box=None, pad_edge=False, show_header=False)
+    for overflow in ("ellipsis", "ellipsis", "fold"):
+        table.add_column(overflow=overflow)
+    for each in findings:
+        said = escape(each.found) + (f"\n[bold]{escape(each.do)}[/bold]" if each.do else "")
+        table.add_row(f"[{looks[each.state]}]{each.state}[/]", escape(each.subject), said)
+    console.print(table)
+
+
 def print_robot(robot: Any) -> None:
     """A robot's links and limits, in mm and deg; its joint terms, and what it is known to weigh."""
     import numpy as np

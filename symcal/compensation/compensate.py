@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -92,6 +92,11 @@ class Compensation:
         which = [" ".join(n for n, at in zip(names, row, strict=True) if at) for row in self.limiting]
         table["status"] = [f"{s}: {w}" if w else s for s, w in zip(self.status, which, strict=True)]
         return table
+
+    def facts(self) -> list[dict[str, Any]]:
+        """The rows of `table` as plain data; None where a number is none."""
+        rows = self.table().to_dict("records")
+        return [{str(k): None if v != v else v for k, v in row.items()} for row in rows]
 
 
 def write_joints(result: Compensation, path: Path | str) -> None:

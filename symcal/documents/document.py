@@ -138,7 +138,8 @@ def read_document(path: Path | str) -> Document:
     return Document(path, data, lines)
 
 
-_LINE = re.compile("\r\n|[\r\n\x85\u2028\u2029]")  # as YAML counts them
+LINE_END = re.compile("\r\n|[\r\n\x85\u2028\u2029]")
+"""What ends a line, as YAML counts them."""
 
 
 def _invalid(error: yaml.MarkedYAMLError, text: str, path: Path) -> InputError:
@@ -148,7 +149,7 @@ def _invalid(error: yaml.MarkedYAMLError, text: str, path: Path) -> InputError:
         return InputError(f"not valid YAML: {problem}", file=path)
     if "nesting" in problem:  # libyaml's own limit
         problem = "nested too deeply"
-    elif any(line.lstrip(" ").startswith("\t") for line in _LINE.split(text)[mark.line : mark.line + 1]):
+    elif any(line.lstrip(" ").startswith("\t") for line in LINE_END.split(text)[mark.line : mark.line + 1]):
         problem = "indent with spaces, not tabs"
     return InputError(f"not valid YAML: {problem}", file=path, line=mark.line + 1)
 
@@ -314,6 +315,18 @@ def _leaves(annotation: Any) -> list[Any]:
     if origin in (typing.Union, types.UnionType, list, tuple, dict, typing.Annotated):
         return [leaf for argument in arguments for leaf in _leaves(argument)]
     return []
+
+
+def json_schema(model: type[BaseModel]) -> dict[str, Any]:
+    """What may stand in a file, for editors; of every schema of its family first built what was left for later.
+
+    pydantic before 2.14 cannot write a default that is an object of a schema that nobody built.
+    """
+    families: list[type[BaseModel]] = [Strict, Loose]
+    for each in families:
+        families.extend(each.__subclasses__())
+        each.model_rebuild()
+    return model.model_json_schema()
 
 
 def write_document(path: Path | str, data: Mapping[str, Any]) -> None:

@@ -163,6 +163,26 @@ def _build(compiler: Compiler, flags: tuple[str, ...], source: str, folder: Path
         raise CompilerError(f"what the C compiler {compiler.command[0]} wrote does not load: {error}") from None
 
 
+def compiling_fault(compiler: Compiler) -> str | None:
+    """What goes wrong when a line of C is compiled and loaded where kernels are; None: nothing. Nothing is kept.
+
+    A compiler may answer and have no headers, no linker, or a folder whose files must not be run.
+    """
+    try:
+        with tempfile.TemporaryDirectory(
+            prefix=_SCRATCH, dir=kept_folder() or private_folder(), ignore_cleanup_errors=True
+        ) as scratch:
+            _build(compiler, ("-O1", *FLAGS, *NATIVE), _LINE, Path(scratch), "trial", "symcal_trial")
+    except OSError as error:
+        return " ".join(str(error).split())
+    return None
+
+
+_LINE = """#include <math.h>
+double symcal_trial(double x) { return sin(x); }
+"""
+
+
 def _sweep(folder: Path) -> None:
     """Remove what killed processes left while compiling."""
     for left in folder.glob(f"{_SCRATCH}*"):

@@ -104,11 +104,11 @@ def place_of(out: Path | None, default: str, inputs: Iterable[Path] = ()) -> Pat
     return place
 
 
-def require_own(path: Path, mark: bytes) -> None:
+def require_own(path: Path, *marks: bytes) -> None:
     """Refuse to replace a file that the user did not name and that was not written by this program.
 
     Args:
-        mark: what stands in every such file.
+        marks: one of them stands in every such file.
     Raises:
         RefusedError: there is another file of this name. InputError: it cannot be read.
     """
@@ -120,7 +120,7 @@ def require_own(path: Path, mark: bytes) -> None:
             content = file.read(_READ)
     except OSError as error:
         raise InputError(_sentence(error), file=path) from None
-    if mark not in content:
+    if not any(mark in content for mark in marks):
         raise RefusedError(
             f"{path} is there already and was not written by this program: it is kept; choose another --out"
         )

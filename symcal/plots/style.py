@@ -28,9 +28,12 @@ INK, FAINT, RULE = "#1a1a1a", "#8a8a8a", "#d9d9d9"
 BLUE, GREEN, ORANGE, VERMILION, PURPLE = "#00517F", "#008B66", "#E69F00", "#D55E00", "#CC79A7"
 """Of [OkabeIto2008], green and blue darkened: orange, green and blue then differ by lightness alone."""
 
+FONT = "DejaVu Sans"
+"""Comes with matplotlib."""
+
 _SETTINGS: Any = {
     "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],
+    "font.sans-serif": [FONT],
     "mathtext.fontset": "dejavusans",
     "font.size": 7.0,
     "axes.labelsize": 7.0,

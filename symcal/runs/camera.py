@@ -149,7 +149,7 @@ def _page(out: Path) -> Path:
     page = out.with_suffix(".pdf")
     if page == out:
         raise InputError("a camera file is YAML, and its page takes this name: name it .yaml", key="--out", found=out)
-    require_own(page, b"Author(symcal ")
+    require_own(page, b"Author(symcal ", b"Author (symcal ")  # as Typst 0.15 writes it, and as those before it do
     return page
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy
@@ -44,6 +45,22 @@ class Check:
     seen: dict[str, Identifiability]
     notes: tuple[str, ...]
     instruments: tuple[Added, ...] = ()
+
+    def facts(self) -> dict[str, Any]:
+        """Everything as plain data."""
+        return {
+            "T_world_tool_at_zero": self.pose_at_zero.tolist(),
+            "seen": {
+                name: {
+                    "rank": seen.numerical_rank,
+                    "parameters": list(seen.names),
+                    "unseen": [direction.text for direction in seen.unseen()],
+                }
+                for name, seen in self.seen.items()
+            },
+            "instruments": [asdict(each) for each in self.instruments],
+            "warnings": list(self.notes),
+        }
 
 
 def check_robot(robot: Robot) -> Check:

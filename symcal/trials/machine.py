@@ -49,7 +49,7 @@ def this_machine(portable: bool = False) -> Machine:
 
 
 _SHOW = (
-    *("cli", "compensation", "export", "images", "paper", "plots", "report", "runs", "vision"),
+    *("cli", "compensation", "doctor", "export", "images", "paper", "plots", "report", "runs", "vision"),
     *(f"trials/{name}" for name in ("export", "figures", "folder", "identity", "need")),
     *(f"trials/{name}" for name in ("report", "results", "statistics")),
 )

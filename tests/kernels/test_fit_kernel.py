@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,11 +21,12 @@ from symcal.model.task import Task
 
 Array = NDArray[np.float64]
 SIGMA = 0.05
+ROBOT = Path(__file__).resolve().parents[2] / "configs" / "robots" / "handling_robot.yaml"
 
 
 def model_of(choice: Choice) -> Model:
     """The paper's robot with a rotated base that is found: sines of joints, of errors, of their sums, of constants."""
-    robot = sc.load_robot(files("symcal").joinpath("../configs/robots/handling_robot.yaml"))
+    robot = sc.load_robot(ROBOT)
     with kernels_by(choice):
         return build_model(robot, Task.of("position", {"base", "tool"}, {"P": (40.0, 0.0, 60.0)}))
 

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 import yaml
-from conftest import ROOT
 from sybil import Example, Sybil
 from sybil.evaluators.python import PythonEvaluator
 from sybil.parsers.myst import CodeBlockParser
@@ -22,6 +21,7 @@ from symcal.instruments import KINDS
 from symcal.robot.schema import RobotFile
 from symcal.runs.load import load
 
+ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 README = ROOT / "README.md"
 PAGES = [README, *(path for path in sorted(DOCS.rglob("*.md")) if "_made" not in path.parts)]

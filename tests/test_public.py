@@ -5,12 +5,14 @@ import inspect
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
-from conftest import ROOT
 
 import symcal as sc
 from symcal.instruments import KINDS
+
+ROOT = Path(__file__).resolve().parents[1]
 
 
 @pytest.fixture

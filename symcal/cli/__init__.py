@@ -47,9 +47,8 @@ for command in (
 ):
     app.command(command.__name__.rstrip("_"))(WithJson(command))
 
-_OBJECTS = (
-    400_000  # new ones before garbage is looked for: loading makes many that stay, and looking through them is slow
-)
+# New objects before garbage is looked for: loading makes many that stay, and looking through them is slow.
+_OBJECTS = 400_000
 
 
 def main() -> None:

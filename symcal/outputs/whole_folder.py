@@ -194,9 +194,11 @@ def _rename_twice(stage: _Stage, target: Path) -> Path:
     try:
         target.rename(stage.old)
         stage.fresh.rename(target)
-    finally:  # also after an interrupt between the two
+    except BaseException:  # also after an interrupt between the two
         if stage.old.exists() and not os.path.lexists(target):
-            stage.old.rename(target)
+            with contextlib.suppress(OSError):  # another process put its folder there meanwhile
+                stage.old.rename(target)
+        raise
     return stage.old
 
 

@@ -14,6 +14,7 @@ import json
 import os
 import shutil
 import sqlite3
+import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import astuple
@@ -32,6 +33,7 @@ Array = NDArray[np.float64]
 
 STATE = "study.sqlite"
 LOCK = "study.lock"
+_ORPHANS = 3.0  # seconds
 SCHEMA = "symcal/study-state/1"
 BESIDE = (STATE, f"{STATE}-wal", f"{STATE}-shm", f"{STATE}-journal", LOCK)
 """Names of the working state, as long as the study is not finished."""
@@ -171,7 +173,11 @@ def opened(folder: Path) -> Iterator[Store]:
 
 
 def _locked(folder: Path) -> int:
-    """The descriptor of the lock, held; the folder is made if it is not there."""
+    """The descriptor of the lock, held; the folder is made if it is not there.
+
+    Workers of a process that was killed hold what it held until they notice, moments later.
+    """
+    until = time.monotonic() + _ORPHANS
     while True:
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -180,6 +186,9 @@ def _locked(folder: Path) -> int:
             raise InputError(f"the folder of the study cannot be used: {error.strerror}", file=folder) from None
         if try_lock(descriptor) is False:
             os.close(descriptor)
+            if time.monotonic() < until:
+                time.sleep(0.05)
+                continue
             raise RefusedError(f"another process computes the study in {folder}: wait for it, or choose another --out")
         if same_file(descriptor, folder / LOCK):
             return descriptor

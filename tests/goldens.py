@@ -33,7 +33,7 @@ RUNS = (
     "handling_robot",
 )
 PLANS = ("plan_position", "plan_fr3", "plan_camera")
-QUICK = ("real/franka_fr3", "real/tiago_mocap", "real/two_axis_positioner", "real/wam_tracker", "simulated_arm")
+QUICK = ("real/franka_fr3", "real/tiago_mocap", "real/two_axis_positioner", "simulated_arm")
 PLAIN = ("outputs.report=false", "outputs.figures=false", "outputs.c=false")
 
 _NUMBERS = ("identification", "identifiability", "accuracy", "frames", "expected_position_rms_mm", "simulation_2")

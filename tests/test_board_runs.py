@@ -199,6 +199,7 @@ def test_experiments_that_do_not_fit_their_images_are_refused(folder, tmp_path, 
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.long
 def test_discs_are_measured_in_an_experiment_too(tmp_path):
     """The short form: a camera beside the robot, which nobody has placed, and three discs on the tool."""
     lens = camera_scenes.small_camera()
@@ -243,6 +244,7 @@ def test_two_cameras_do_not_share_their_images(folder, tmp_path):
         run(tmp_path / "e.yaml", tmp_path / "run")
 
 
+@pytest.mark.long
 def test_the_shipped_experiment_with_few_poses(configs, tmp_path):
     """The true robot is known: corners, camera and robot come out as the noise of the images lets them."""
     overrides = ["plan.poses=20", "data.views=6", "data.test_poses=50", "data.examples=1"]

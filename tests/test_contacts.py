@@ -239,6 +239,7 @@ def test_a_known_distance_tells_the_length_and_a_wrong_one_is_refused(rng: np.ra
 
 
 @pytest.mark.parametrize(("name", "count"), [("pin", 30), pytest.param("plane", 80, marks=pytest.mark.long)])
+@pytest.mark.long
 def test_a_plan_of_contacts_beats_random_ones_by_the_forecast_and_in_simulation(
     name: str, count: int, configs: Path
 ) -> None:

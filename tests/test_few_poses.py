@@ -182,6 +182,7 @@ def test_hard_sets_end_near_the_truth_or_in_a_refusal(name: str, kind: str) -> N
         assert in_band(residual_sum(case, found.after), found.after.dof)
 
 
+@pytest.mark.long
 def test_twenty_random_poses_of_a_measured_robot(
     configs: Path, symcal_data: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -217,6 +217,7 @@ def test_good_halves_agree_and_say_so() -> None:
     assert len(data) == len(division.first)
 
 
+@pytest.mark.long
 def test_p_values_are_uniform_and_good_sets_are_let_alone() -> None:
     found = drawn.draws("position", 20) + drawn.draws("pose", 8, seed=1)
     p = drawn.by_chance(found)

@@ -187,6 +187,7 @@ def good() -> list[ModelCheck]:
     return drawn.draws("position", 60)
 
 
+@pytest.mark.long
 def test_good_data_have_uniform_probabilities() -> None:
     assert drawn.uniform(good()) > 1e-3
     assert sum(lacks_physics(check) for check in good()) <= 3

@@ -100,6 +100,7 @@ def test_the_joints_drawn_are_those_of_the_plan(figures, plain):
         np.testing.assert_allclose(drawn[0].get_ydata(), poses[:, j] * factor)
 
 
+@pytest.mark.long
 def test_a_plan_with_camera_boxes_required_poses_and_no_speeds_is_drawn_and_reported(constrained, tmp_path):
     illustrations = plan_figures(constrained.findings)
     space = illustrations[0].figure

@@ -80,6 +80,7 @@ def test_auto_is_for_an_identification() -> None:
 # ------------------------------------------------------------------------------------------------------ gross errors
 
 
+@pytest.mark.long
 def test_a_tenth_of_gross_errors_costs_little() -> None:
     """Long form: robust_draws.py. Ratios to the linear fit of the clean data; all errors are listed."""
     count = 40

@@ -78,12 +78,16 @@ def page(found: Identified) -> str:
     }
     cap = CAP_WITH_IMAGES if images else CAP
     every = figures(found.pictures)
-    kept = _within(every, cap - len(render("identification", given | {"figures": (), "left_out": ()}).encode()))
+    whole = render("identification", given | {"figures": every, "left_out": ()})
+    excess = len(whole.encode()) - cap
+    if excess <= 0:
+        return whole
+    kept = _without_last(every, excess)
     left_out = [each.title for each in every[len(kept) :]]
     return render("identification", given | {"figures": kept, "left_out": left_out})
 
 
-def _within(every: tuple[Embedded, ...], room: int) -> tuple[Embedded, ...]:
-    """The first figures, as many as there is room for."""
-    sizes = np.cumsum([len(each.address) + 2 * len(each.caption.encode()) + 500 for each in every])
-    return every[: int(np.searchsorted(sizes, room, side="right"))]
+def _without_last(every: tuple[Embedded, ...], excess: int) -> tuple[Embedded, ...]:
+    """The figures without as many of the last as take up the bytes in excess, and those that name what is left out."""
+    freed = np.cumsum([len(each.address) - 500 for each in reversed(every)])
+    return every[: max(len(every) - 1 - int(np.searchsorted(freed, excess)), 0)]

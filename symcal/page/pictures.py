@@ -5,12 +5,14 @@ from __future__ import annotations
 import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from io import BytesIO
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.outputs.side_by_side import side_by_side
 from symcal.report.render import Picture
 
 _COLORS = 64
@@ -29,17 +31,18 @@ class Embedded:
 
 
 def figures(pictures: Sequence[Picture]) -> tuple[Embedded, ...]:
-    """The figures of a report, from the PNG beside each PDF."""
+    """The figures of a report, from the PNG beside each PDF; two at a time where there are two cores."""
+    return tuple(side_by_side([partial(_embedded, picture) for picture in pictures]))
+
+
+def _embedded(picture: Picture) -> Embedded:
     from PIL import Image
 
-    out = []
-    for picture in pictures:
-        with Image.open(picture.file.with_suffix(".png")) as image:
-            few = image.convert("RGB").quantize(_COLORS, dither=Image.Dither.NONE)
-        stream = BytesIO()
-        few.save(stream, "PNG", optimize=True)
-        out.append(Embedded(picture.name, picture.title, picture.caption, _address("png", stream)))
-    return tuple(out)
+    with Image.open(picture.file.with_suffix(".png")) as image:
+        few = image.convert("RGB").quantize(_COLORS, dither=Image.Dither.NONE)
+    stream = BytesIO()
+    few.save(stream, "PNG", optimize=True)
+    return Embedded(picture.name, picture.title, picture.caption, _address("png", stream))
 
 
 def thumbnail(pixels: NDArray[Any]) -> str:

@@ -9,11 +9,11 @@ import platform
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 from threadpoolctl import ThreadpoolController
 
+from symcal.kernels.compile import processor
 from symcal.kernels.compiler import find_compiler
 
 logger = logging.getLogger(__name__)
@@ -63,15 +63,11 @@ def version(package: str) -> str | None:
 
 
 def _processor() -> tuple[str, frozenset[str]]:
-    try:
-        text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return platform.processor() or platform.machine(), frozenset()
     facts = {}
-    for line in text.split("\n\n", 1)[0].splitlines():
+    for line in processor().splitlines():
         key, _, value = line.partition(":")
         facts[key.strip().lower()] = value.strip()
-    named = facts.get("model name") or platform.machine()
+    named = facts.get("model name") or platform.processor() or platform.machine()
     if "cpu family" in facts:
         named += f" (family {facts['cpu family']} model {facts.get('model', '?')})"
     return named, frozenset(facts.get("flags", facts.get("features", "")).split())

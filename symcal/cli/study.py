@@ -31,7 +31,8 @@ def study(
     """Run an experiment thousands of times over a grid; again after an interrupt, it goes on."""
     from symcal.cli import terminal
     from symcal.cli.reply import reply
-    from symcal.trials.study import Execution, Interrupted, cores, run_study
+    from symcal.outputs.side_by_side import cores
+    from symcal.trials.study import Execution, Interrupted, run_study
 
     if scheduler is not None and workers is not None:
         from symcal.errors import InputError

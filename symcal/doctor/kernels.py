@@ -15,7 +15,7 @@ from symcal.kernels.compile import compiling_fault
 from symcal.kernels.compiler import Compiler, find_compiler
 from symcal.kernels.own_folder import cache_folder, open_own_folder
 from symcal.kernels.path import SLOWER, VARIABLE, path_in_use
-from symcal.trials.study import cores
+from symcal.outputs.side_by_side import cores
 from symcal.words import plural
 
 _GET_ONE = "install gcc or clang, or pip install 'symcal[fast]'"

@@ -57,7 +57,15 @@ def side_by_side(work: Sequence[Callable[[], Result]]) -> list[Result]:
 
 def may_fork() -> bool:
     """Whether a copy of this process would have a core of its own, and may be made."""
-    return sys.platform == "linux" and len(os.sched_getaffinity(0)) > 1
+    return sys.platform == "linux" and cores() > 1
+
+
+def cores() -> int:
+    """Processors that this process may use."""
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:  # not everywhere
+        return os.cpu_count() or 1
 
 
 def _taken(turns: int) -> Iterator[int]:

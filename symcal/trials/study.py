@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from typing import Any
 from symcal.errors import InputError, RefusedError
 from symcal.kernels.path import kernels_by
 from symcal.outputs.names import file_name
+from symcal.outputs.side_by_side import cores
 from symcal.runs.folder import require_replaceable, run_folder
 from symcal.trials.description import Description, packed
 from symcal.trials.identify import one_by_one
@@ -47,14 +47,6 @@ class Execution:
 
 class Interrupted(RefusedError):
     """The study was interrupted; what is done is kept."""
-
-
-def cores() -> int:
-    """Processors that this process may use."""
-    try:
-        return len(os.sched_getaffinity(0))
-    except AttributeError:  # not everywhere
-        return os.cpu_count() or 1
 
 
 def run_study(

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from io import BytesIO
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.outputs.side_by_side import side_by_side
 from symcal.report.render import Picture
 
 _COLORS = 64
@@ -30,12 +27,8 @@ class Embedded:
     address: str
 
 
-def figures(pictures: Sequence[Picture]) -> tuple[Embedded, ...]:
-    """The figures of a report, from the PNG beside each PDF; two at a time where there are two cores."""
-    return tuple(side_by_side([partial(_embedded, picture) for picture in pictures]))
-
-
-def _embedded(picture: Picture) -> Embedded:
+def embedded(picture: Picture) -> Embedded:
+    """A figure of a report, from the PNG beside its PDF."""
     from PIL import Image
 
     with Image.open(picture.file.with_suffix(".png")) as image:

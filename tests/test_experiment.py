@@ -272,7 +272,7 @@ def test_data_of_other_points_than_the_task_asks_for(rng):
 def recorded(name: str) -> tuple[dict, str]:
     """Accuracy and decision of a config on measured data: test_goldens.py runs it and finds these very numbers."""
     found = json.loads((goldens.FOLDER / f"real_{name}.json").read_text(encoding="utf-8"))
-    assert f"real/{name}" in goldens.QUICK
+    assert f"real/{name}" in goldens.RUNS
     return found["accuracy"], found["decision"]
 
 
@@ -307,6 +307,7 @@ def test_an_arm_before_a_laser_tracker(configs, symcal_data, tmp_path, monkeypat
     grid_and_random_poses(found["accuracy"], 0.102)
 
 
+@pytest.mark.long  # as its golden is
 def test_an_elastic_arm_before_a_laser_tracker_keeps_millimetres():
     grid_and_random_poses(recorded("wam_tracker")[0], 3.15)
 

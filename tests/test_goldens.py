@@ -1,4 +1,4 @@
-"""The configs give what they gave when their goldens were recorded: the quick ones here, the others in the long form."""
+"""The configs give what they gave when their goldens were recorded: the quick ones here, the others in long form."""
 
 from __future__ import annotations
 

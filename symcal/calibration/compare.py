@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Options
 from symcal.model.model import Model
+from symcal.outputs.side_by_side import side_by_side
 
 Refine = Callable[[Calibration, Dataset], Calibration]
 """What is done with a calibration after it was identified from a dataset."""
@@ -66,8 +68,8 @@ def cross_validate(
         True
     """
     baseline = baseline_model(model)
-    parts: dict[str, list[Errors]] = {}
-    for held_out in folds(data, count, rng):
+
+    def errors_of(held_out: NDArray[np.intp]) -> dict[str, Errors]:
         mask = np.zeros(len(data), dtype=bool)
         mask[held_out] = True
         labelled = replace(data, split=tuple("test" if out else "train" for out in mask))
@@ -75,11 +77,11 @@ def cross_validate(
             own = calibrate(model, baseline, labelled, options, mistakes=())
         else:
             own = calibrate_near(model, baseline, labelled, options, near)
-        result = refine(own, labelled)
-        for name, state in result.states.items():
-            found = evaluate(state, data.take(held_out))
-            parts.setdefault(name, []).append(replace(found, pose=held_out[found.pose]))
-    return {name: pooled(found) for name, found in parts.items()}
+        found = {name: evaluate(state, data.take(held_out)) for name, state in refine(own, labelled).states.items()}
+        return {name: replace(each, pose=held_out[each.pose]) for name, each in found.items()}
+
+    every = side_by_side([partial(errors_of, held_out) for held_out in folds(data, count, rng)])
+    return {name: pooled([each[name] for each in every]) for name in every[0]}
 
 
 def compare(calibration: Calibration, data: Dataset) -> Mapping[str, Errors]:

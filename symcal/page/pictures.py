@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from symcal.report.render import Picture
 
-_COLORS = 64
+_COLORS = 128
 _THUMBNAIL = 480  # px, the longer side
 _QUALITY = 75
 
@@ -32,9 +32,14 @@ def embedded(picture: Picture) -> Embedded:
     from PIL import Image
 
     with Image.open(picture.file.with_suffix(".png")) as image:
-        few = image.convert("RGB").quantize(_COLORS, dither=Image.Dither.NONE)
+        every = image.convert("RGB")
+    # six times as fast as the median cut and nearer to the colours of few pixels, but it greys the white paper:
+    few = every.quantize(_COLORS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    colors = np.reshape(few.getpalette() or [], (-1, 3))
+    colors[np.asarray(few)[0, 0]] = np.asarray(every)[0, 0]
+    few.putpalette(colors.ravel().tolist())
     stream = BytesIO()
-    few.save(stream, "PNG", optimize=True)
+    few.save(stream, "PNG")
     return Embedded(picture.name, picture.title, picture.caption, _address("png", stream))
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from io import BytesIO
 from pathlib import Path
@@ -43,16 +44,28 @@ def save_figures(illustrations: Iterable[Illustration], folder: Path | str) -> t
     return _written([_vectors(illustration, folder) for illustration in illustrations])
 
 
-def draw(drawings: Sequence[Drawing], folder: Path | str) -> tuple[Picture, ...]:
+def draw(
+    drawings: Sequence[Drawing],
+    folder: Path | str,
+    report: Callable[[Sequence[Picture]], None] = lambda _: None,
+) -> tuple[Picture, ...]:
     """Draw figures and write them, into a folder that is made if there is none; two at a time where there are two cores
     (`symcal.outputs.side_by_side`).
 
+    Args:
+        report: what is made of the figures' PDF, in a thread of its own while others make their pixels: Typst, which
+            makes both, lets go of the interpreter, and may not be called in a copy of this process.
     Raises:
         InputError: they cannot be written.
     """
     _make(folder)
-    drawn = side_by_side([partial(_drawn, each, folder) for each in drawings])
-    return _written([one for some in drawn for one in some])
+    drawn = [one for some in side_by_side([partial(_drawn, each, folder) for each in drawings]) for one in some]
+    write_all_whole({picture.file: vectors for picture, vectors in drawn})
+    with ThreadPoolExecutor(1) as aside:
+        written = aside.submit(report, [picture for picture, _ in drawn])
+        write_all_whole(_with_pixels(drawn))
+        written.result()
+    return tuple(picture for picture, _ in drawn)
 
 
 def _drawn(drawing: Drawing, folder: Path | str) -> tuple[_Drawn, ...]:
@@ -71,11 +84,14 @@ def _vectors(illustration: Illustration, folder: Path | str, truetype: bool = Fa
 
 def _written(drawn: Sequence[_Drawn]) -> tuple[Picture, ...]:
     """Files of vectors, and beside each its pixels."""
-    contents: dict[Path, str | bytes] = {}
-    for (picture, vectors), png in zip(drawn, pixels([vectors for _, vectors in drawn]), strict=True):
-        contents |= {picture.file: vectors, picture.file.with_name(f"{picture.file.stem}.png"): png}
-    write_all_whole(contents)
+    write_all_whole({picture.file: vectors for picture, vectors in drawn} | _with_pixels(drawn))
     return tuple(picture for picture, _ in drawn)
+
+
+def _with_pixels(drawn: Sequence[_Drawn]) -> dict[Path, str | bytes]:
+    """The files of pixels that stand beside those of vectors."""
+    files = [picture.file.with_name(f"{picture.file.stem}.png") for picture, _ in drawn]
+    return dict(zip(files, pixels([vectors for _, vectors in drawn]), strict=True))
 
 
 def _make(folder: Path | str) -> None:

@@ -74,13 +74,14 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
         return outcome
     from symcal.plots.save import draw
 
-    progress("drawing")
-    pictures = draw(_drawings(outcome), folder / "figures")
+    progress("drawing, and writing the report" if outputs.report else "drawing")
     if outputs.report:
         from symcal.report import write_report
 
-        progress("writing the report")
-        write_report(outcome.content, pictures, folder / "report.pdf")
+        report = partial(write_report, outcome.content, path=folder / "report.pdf")
+        pictures = draw(_drawings(outcome), folder / "figures", report)
+    else:
+        pictures = draw(_drawings(outcome), folder / "figures")
     if outputs.page:
         progress("writing the page")
         _write_page(outcome, pictures, folder / "report.html")

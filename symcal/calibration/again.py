@@ -80,7 +80,7 @@ def calibrated_again(
 
 
 def _again(robot: Robot, task: Task, data: Dataset, rng: np.random.Generator, now: Setup | None) -> Again:
-    provenance = _recorded(robot, task)
+    provenance = recorded(robot, task)
     assert robot.record is not None
     model = as_before(robot, task, provenance)
     names = model.parameters.names
@@ -96,7 +96,7 @@ def _again(robot: Robot, task: Task, data: Dataset, rng: np.random.Generator, no
         few = f"{len(data)} poses are too few for a calibration of their own"
         raise RefusedError(f"{few}: they give no more equations than unknowns") from None
     factors = {LINKS: float(provenance["size_factor"]), **provenance["size_factors"]}
-    sigmas, known = _noise(model, provenance)
+    sigmas, known = recorded_noise(model, provenance)
     given = Variances(sigmas, factors, rows.seen.astype(float))
     if not set(unknown_noise(rows, known_sigma(rows, known))) <= set(sigmas):
         raise RefusedError("the noise is not recorded")
@@ -129,7 +129,7 @@ def _moved(model: Model, first: Array, free: tuple[str, ...], now: Setup) -> tup
     return replace(model, setup=replace(model.setup, base=now.base, places={**model.setup.places, **now.places})), first
 
 
-def _recorded(robot: Robot, task: Task) -> Mapping[str, Any]:
+def recorded(robot: Robot, task: Task) -> Mapping[str, Any]:
     """What is recorded.
 
     Raises:
@@ -189,7 +189,7 @@ def _loosened(o: Observation, unknown: Mapping[str, Any]) -> Observation:
     return replace(o, at=replace(o.at, unknown=bool(unknown["place"])), target=target)
 
 
-def _noise(model: Model, provenance: Mapping[str, Any]) -> tuple[dict[str, float], dict[str, float]]:
+def recorded_noise(model: Model, provenance: Mapping[str, Any]) -> tuple[dict[str, float], dict[str, float]]:
     """Recorded noise by group, and of it what was stated.
 
     Where several instruments measured, the groups were called after these; of one alone they are not.

@@ -21,6 +21,7 @@ from symcal.cli.plan import plan
 from symcal.cli.reply import WithJson, answer, json_asked
 from symcal.cli.stdout import named_stdout, silence
 from symcal.cli.study import study
+from symcal.cli.watch import watch
 from symcal.errors import InputError, SymcalError, printable
 
 # Before NumPy is loaded: matrices here are small, and what several threads sum is not the same bits everywhere.
@@ -38,6 +39,7 @@ for command in (
     check,
     validate,
     compare,
+    watch,
     compensate,
     export,
     bench,

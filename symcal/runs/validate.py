@@ -18,10 +18,6 @@ from symcal.calibration.mistakes.mistake import mistake_facts
 from symcal.calibration.mistakes.moved import moved_between
 from symcal.calibration.record import recorded_task
 from symcal.calibration.tolerance import Tolerance
-from symcal.data.dataset import Dataset, merged
-from symcal.data.layout import Layout
-from symcal.data.measurement_file import load_measurements
-from symcal.documents.csv_file import read_table
 from symcal.errors import InputError
 from symcal.fit.estimation import Options
 from symcal.model.model import Model, State, build_model
@@ -31,6 +27,7 @@ from symcal.outputs.csv_text import Rows
 from symcal.robot.files import load_robot
 from symcal.robot.robot import Robot
 from symcal.runs.folder import require_replaceable, run_folder, write_json, write_table
+from symcal.runs.new_measurements import chosen_instrument, new_measurements, stranger
 from symcal.runs.second import with_second
 from symcal.words import plural
 
@@ -69,16 +66,10 @@ def validate_robot(
         message = "this robot has no 'calibration': validate takes the calibrated.yaml of a run"
         raise InputError(message, file=calibrated)
     task = recorded_task(robot.record.provenance, "after", calibrated)
-    entries = tuple(dict.fromkeys(o.of for o in task.observations))
-    if instrument is None and len(entries) == 1:
-        instrument = entries[0]
-    if instrument not in entries:
-        message = "several instruments measured: say with --instrument whose measurements these are"
-        raise InputError(message, key="--instrument", found=instrument, allowed=entries)
-    own = [o for o in task.observations if o.of == instrument]
+    own = chosen_instrument(task, instrument)
     _check_refit(refit, own)
     progress("reading the measurements")
-    new, sessions = _measurements(robot, data, own, refit)
+    new, sessions = new_measurements(robot, data, own, refit)
     names = [each.name for each in new.of]
     _check_placed(robot, names, refit)
     errors: dict[str, Errors] = {}
@@ -88,7 +79,7 @@ def validate_robot(
     for name, subject in states:
         progress(f"evaluating: {name}")
         recorded = recorded_task(robot.record.provenance, name, calibrated)
-        tasks[name] = _of_these(recorded, instrument, names, sessions)
+        tasks[name] = _of_these(recorded, own[0].of, names, sessions)
         model = build_model(subject, _loosened(tasks[name], refit))
         judged[name] = _state(model, subject, new, refit)
         found = evaluate(judged[name], new)
@@ -119,48 +110,10 @@ def validate_robot(
     return content
 
 
-def _measurements(
-    robot: Robot, data: Path, own: Sequence[Observation], refit: tuple[str, ...]
-) -> tuple[Dataset, tuple[str, ...]]:
-    """New measurements of an instrument with the canonical columns, or those that the calibration was read from; by
-    session where it has a place of its own in each. Then the sessions that the calibration does not know."""
-    assert robot.record is not None
-    record = robot.record.provenance.get("layout", {})
-    record = record.get(own[0].of, record)
-    header = read_table(data, delimiter=record.get("delimiter")).columns
-    named = {c: n for c, n in record.get("columns", {}).items() if set([n] if isinstance(n, str) else n) <= set(header)}
-    where = {column: str(cell) for column, cell in record.get("where", {}).items() if column in header}
-    layout = Layout(named, where, record.get("delimiter"), record.get("decimal", "."))
-    if len(own) == 1:
-        found = _read(robot, data, own[0], layout, None)
-        return replace(found, split=("test",) * len(found)), ()
-    table, known = layout.table(data), {o.session: o for o in own}
-    if "session" not in table.columns:
-        message = "this instrument has a place of its own in each session: the measurements need a column 'session'"
-        raise InputError(message, file=data, line=table.head_line, allowed=known)
-    sessions = list(dict.fromkeys(table.text("session")))
-    new = [session for session in sessions if session not in known]
-    one = own[0]
-    if new and (one.of not in refit or any(o.target.name != one.target.name for o in own)):
-        message = "the calibration knows no such session: where the instrument stood in it is not known"
-        if one.of not in refit:
-            message += f"; '--refit {one.of}' fits its place to these measurements"
-        raise InputError(message, file=data, column="session", found=new[0], allowed=known)
-    sets = [_read(robot, data, known.get(session) or _stranger(one, session), layout, session) for session in sessions]
-    found = merged(sets, sessions)
-    return replace(found, split=("test",) * len(found)), tuple(new)
-
-
-def _stranger(like: Observation, session: str) -> Observation:
-    """The same instrument in a session that the calibration does not know."""
-    name = f"{like.of}_{session}"
-    return replace(like, name=name, session=session, place_name=name, at=replace(like.at, frame=np.eye(4)))
-
-
 def _of_these(task: Task, instrument: str, names: Sequence[str], sessions: Sequence[str]) -> Task:
     """The task of what has read the new data, in its order, unknown sessions among it."""
     own = [o for o in task.observations if o.of == instrument]
-    known = {o.name: o for o in (*own, *(_stranger(own[0], session) for session in sessions))}
+    known = {o.name: o for o in (*own, *(stranger(own[0], session) for session in sessions))}
     return task.observed([known[name] for name in names])
 
 
@@ -194,22 +147,6 @@ def _found_in_training(robot: Robot) -> list[str]:
         found += [each["names"]["place"]] * bool(unknown.get("place"))
         found += [each["target"]["name"]] * bool(unknown.get("target"))
     return list(dict.fromkeys(found))
-
-
-def _read(robot: Robot, data: Path, o: Observation, layout: Layout, session: str | None) -> Dataset:
-    return load_measurements(
-        data,
-        robot,
-        o.instrument,
-        point_names=o.features,
-        columns=layout.columns,
-        delimiter=layout.delimiter,
-        decimal=layout.decimal,
-        where=layout.where,
-        session=session,
-        alone=False,
-        name=o.name,
-    )
 
 
 def _check_refit(parts: tuple[str, ...], own: Sequence[Observation]) -> None:

@@ -76,7 +76,7 @@ def answer(app: typer.Typer, command: str | None, say: Callable[[SymcalError], N
         with redirect_stdout(sys.stderr):
             ended = app(standalone_mode=False)
         code = ended if isinstance(ended, int) else 0
-        if code:
+        if code and not kept:  # what it found says why
             error = {"message": f"ended with exit code {code}"}
     except SymcalError as refused:
         say(refused)

@@ -24,7 +24,7 @@ def watch(
     moved: Annotated[bool, typer.Option("--moved", help="the instrument was set up anew")] = False,
     alpha: Annotated[float, typer.Option("--alpha", help="share of good checks that raise a false alarm")] = 0.01,
     offset: Annotated[
-        str, typer.Option("--offset", metavar="0.5mrad,0.1mm", help="of a joint, that a plan is to find")
+        str, typer.Option("--offset", metavar="0.5mrad,0.1mm", help="of a joint, that is to be found")
     ] = "0.5mrad,0.1mm",
     experiment: Annotated[
         Path | None, typer.Option("--experiment", metavar="YAML", help="whose area and constraints a plan keeps")
@@ -71,6 +71,7 @@ def watch(
                 data,
                 out,
                 alpha=alpha,
+                offset=offset,
                 moved=moved,
                 instrument=instrument,
                 history=history,

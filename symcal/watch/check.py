@@ -19,8 +19,8 @@ from symcal.data.dataset import Dataset
 from symcal.errors import InputError, RefusedError
 from symcal.robot.robot import Robot
 from symcal.watch.directed import Law, Tested
-from symcal.watch.explained import Explained, explain, outlying
-from symcal.watch.reference import BASE, Hypothesis, Reference
+from symcal.watch.explained import Explained, explain, outlying, placed_base
+from symcal.watch.reference import BASE, REST, Hypothesis, Reference
 from symcal.watch.sensitivity import Sensitivity, fewest, sensitivity
 
 Array = NDArray[np.float64]
@@ -67,37 +67,41 @@ class Check:
     @property
     def alarms(self) -> tuple[str, ...]:
         """Hypotheses whose tests are above their limits."""
-        return tuple(name for name, each in self.tests.items() if each.p <= self.sensitivity.law.level)
+        laws = self.sensitivity.laws
+        return tuple(name for name, each in self.tests.items() if each.p <= laws[name].level)
 
     @property
     def holds(self) -> bool:
-        return not self.alarms and self.rest.p > self.sensitivity.law.level
+        return not self.alarms and self.rest.p > self.sensitivity.laws[REST].level
 
     @property
     def p(self) -> float:
-        """Probability of tests as extreme by chance, at most."""
-        least = min((each.p for each in (*self.tests.values(), self.rest)), default=1.0)
-        return float(min(least * (len(self.tests) + 1), 1.0))
+        """Probability of a test as far beyond its share of alpha by chance, at most."""
+        laws = self.sensitivity.laws
+        every = {**self.tests, REST: self.rest}
+        return float(min(1.0, *(each.p * self.alpha / laws[name].level for name, each in every.items())))
 
 
-def check(reference: Reference, data: Dataset, *, alpha: float, moved: bool) -> Check:
+def check(reference: Reference, data: Dataset, *, alpha: float, offsets: Mapping[str, float], moved: bool) -> Check:
     """Judge a calibration by new readings.
 
     Args:
-        moved: the instrument was set up anew since the calibration: the base is found from these readings.
+        alpha: probability of an alarm if nothing changed. offsets: of joints by name that are to be found, rad and mm:
+            alpha is shared so that they are. moved: the instrument was set up anew since the calibration: the base is
+            found from these readings.
     Raises:
         InputError: a pose beyond the joints' limits. RefusedError: the poses are too few, or see no joint.
     """
     _check_limits(reference.robot, data)
     needed = fewest(reference, moved=moved)
     _check_count(len(data), needed, moved)
-    every, explanations = _judged(reference, data, alpha, moved)
-    number, p = outlying(explanations, len(data), every.sensitivity.law)
+    every, explanations = _judged(reference, data, alpha, offsets, moved)
+    number, p = outlying(explanations, len(data), every.sensitivity.laws[REST])
     if p > OUTLYING:
         return every
     label = data.labels[number]
     rest = data.take([i for i in range(len(data)) if i != number])
-    without, _ = _judged(reference, rest, alpha, moved)
+    without, _ = _judged(reference, rest, alpha, offsets, moved)
     if not (without.holds or without.group):
         return every  # it is not the only one
     if len(rest) < needed:
@@ -133,11 +137,14 @@ def _check_count(count: int, needed: int, moved: bool) -> None:
         )
 
 
-def _judged(reference: Reference, data: Dataset, alpha: float, moved: bool) -> tuple[Check, Sequence[Explained]]:
+def _judged(
+    reference: Reference, data: Dataset, alpha: float, offsets: Mapping[str, float], moved: bool
+) -> tuple[Check, Sequence[Explained]]:
     """The check of all these poses, and the explanations that its alarms leave."""
-    nothing = explain(reference, data, None, moved=moved)
-    found = sensitivity(reference, nothing.linear, alpha, moved=moved)
-    law, index = found.law, {h.name: reference.index(h) for h in found.seen}
+    base = placed_base(reference, data) if moved else None
+    nothing = explain(reference, data, None, base)
+    found = sensitivity(reference, nothing.linear, alpha, offsets, moved=moved)
+    law, index = found.laws[REST], {h.name: reference.index(h) for h in found.seen}
     joints = [h for h in found.seen if h.joint is not None]
     if not joints:
         raise RefusedError("these poses tell of no joint: an offset of plausible size would not be found")
@@ -157,7 +164,7 @@ def _judged(reference: Reference, data: Dataset, alpha: float, moved: bool) -> t
     )
     if result.holds:
         return result, [nothing]
-    fits = {h.name: explain(reference, data, h, moved=moved) for h in found.seen}
+    fits = {h.name: explain(reference, data, h, base) for h in found.seen}
     level = LEFT_OUT / len(index)
     enough = [h for h in found.seen if _explains(fits[h.name], h, index, law, level)]
     enough.sort(key=lambda h: (len(h.parameters), -tests[h.name].squares))

@@ -11,12 +11,14 @@ moved anyway (an instrument that was set up anew), the squared length of r* in i
 
 chi^2_d where the noise is known, and T / d as Fisher's F of d and nu where it was estimated with nu degrees of freedom;
 if D y happened, it is noncentral with lambda = y^T D*^T D* y. All that is in no direction that is asked about makes the
-sum of squares less sure, and T not. Alarm is at alpha / m each of m tests ([Dunn1961]). Of textbooks, but for V.
+sum of squares less sure, and T not. Alarm is where one of m tests is beyond its share of alpha ([Dunn1961]; see
+`symcal.watch.shares`). Of textbooks, but for V.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -39,9 +41,10 @@ class Tested:
     p: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Law:
-    """What T is compared with. dof: nu, infinite where the noise is stated. level: of each test, alpha / m."""
+    """What T is compared with. dof: nu, infinite where the noise is stated. level: of the test, its share of
+    alpha."""
 
     dof: float
     level: float
@@ -59,21 +62,33 @@ class Law:
             return float(scipy.special.chdtri(directions, self.level))
         return float(directions * scipy.special.fdtri(directions, self.dof, 1 - self.level))
 
+    def power(self, directions: int, size: float) -> float:
+        """Probability of alarm at lambda = size."""
+        limit = self.limit(directions)
+        if np.isinf(self.dof):
+            return float(1 - scipy.special.chndtr(limit, directions, size))
+        return float(1 - scipy.special.ncfdtr(directions, self.dof, size, limit / directions))
+
+    @staticmethod
+    def reaching(dof: float, size: float, power: float) -> float:
+        """Level at which lambda = size in one direction is found with a power."""
+        if np.isinf(dof):
+            return float(scipy.special.chdtrc(1, scipy.special.chndtrix(1 - power, 1, size)))
+        return float(scipy.special.fdtrc(1, dof, scipy.special.ncfdtri(1, dof, size, 1 - power)))
+
     def needed(self, directions: int, power: float = POWER) -> float:
         """lambda with which T is above its limit so often."""
-        limit = self.limit(directions)
-
-        def missed(root: float) -> float:
-            if np.isinf(self.dof):
-                return float(scipy.special.chndtr(limit, directions, root**2))
-            return float(scipy.special.ncfdtr(directions, self.dof, root**2, limit / directions))
-
-        found = scipy.optimize.brentq(lambda root: missed(root) - (1 - power), 0.0, 10.0 + 4.0 * np.sqrt(limit))
-        return float(found) ** 2
+        return _needed(self, directions, power)
 
     def half_width(self, sigma: Array) -> Array:
         """Of central 95 % intervals of numbers of these standard deviations."""
         return np.asarray(scipy.special.stdtrit(min(self.dof, 1e9), 0.975) * sigma)
+
+
+@lru_cache(maxsize=256)
+def _needed(law: Law, directions: int, power: float) -> float:
+    far = 10.0 + 4.0 * np.sqrt(law.limit(directions))
+    return float(scipy.optimize.brentq(lambda root: law.power(directions, root**2) - power, 0.0, far)) ** 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)

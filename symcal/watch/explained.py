@@ -58,18 +58,18 @@ class Explained:
         return left_over(self.white.r, self.given, law)
 
 
-def explain(reference: Reference, data: Dataset, changed: Hypothesis | None, *, moved: bool) -> Explained:
+def explain(reference: Reference, data: Dataset, changed: Hypothesis | None, base: Array | None) -> Explained:
     """The readings with one thing changed by what fits best, or with nothing changed.
 
     Args:
-        moved: the instrument was set up anew, so that the base is found from these readings in any case.
+        base: where it roughly is if the instrument was set up anew (`placed_base`), shape (4, 4): it is then found from
+            these readings in any case.
     """
-    base = _placed(reference, data) if moved else None
-    found = _fitted(reference, data, changed, base, moved=moved)
-    if (
-        not found.ended and not moved and changed is not None and changed.name == BASE
-    ):  # it is somewhere else altogether
-        there = _placed(reference, data)
+    found = _fitted(reference, data, changed, base, moved=base is not None)
+    of_base = base is None and changed is not None and changed.name == BASE
+    if of_base and not found.ended:  # it is far from where it was
+        assert changed is not None
+        there = placed_base(reference, data)
         found = _fitted(reference, data, changed, there, moved=False)
         y, index = found.y.copy(), reference.index(changed)
         y[index] = _motion(reference.robot.base, carried_out(there, y[index]))
@@ -106,7 +106,7 @@ def _fitted(
     return Explained(linear, White(r, mixing, linear.pose), given, y, inverse[part, part], ended)
 
 
-def _placed(reference: Reference, data: Dataset) -> Array:
+def placed_base(reference: Reference, data: Dataset) -> Array:
     """Where the base stands by these readings, the calibrated robot and what it carries as they were."""
     model = reference.changed
     carried = [name for name in model.placement if name not in frame_names(BASE)]

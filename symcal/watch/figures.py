@@ -32,7 +32,7 @@ from symcal.plots.style import (
 )
 from symcal.units import in_mrad
 from symcal.watch.history import Row, numbers
-from symcal.watch.words import size, verdict
+from symcal.watch.words import share, size, verdict
 from symcal.words import percent, plural
 
 Content = Mapping[str, Any]
@@ -174,8 +174,8 @@ def plan_figure(content: Content) -> Illustration:
     count = plural(len(content["poses"]), "pose")
     caption = (
         f"Smallest changes that a check at these {count} finds in {percent(content['power'])} of cases, at a false "
-        f"alarm in {percent(content['alpha'])} of checks, with the calibration as well known as it is; of base and tool a shift "
-        "or turn in the direction that is seen least. Numbers: not moved | set up anew."
+        f"alarm in {share(content['alpha'])} of checks, with the calibration as well known as it is; of base and tool "
+        "a shift or turn in the direction that is seen least. Numbers: not moved | set up anew."
     )
     return Illustration(settle(figure), "finds", "What the check finds", caption)
 

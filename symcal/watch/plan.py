@@ -12,7 +12,7 @@ from symcal.errors import RefusedError
 from symcal.planning.area import WorkingArea
 from symcal.planning.ordering import shortest_tour
 from symcal.watch.choose import choose
-from symcal.watch.reference import Hypothesis, Linear, Reference, linear_at
+from symcal.watch.reference import Linear, Reference, linear_at
 from symcal.watch.sensitivity import Sensitivity, fewest, plan_rows, poses_needed, sensitivity, undisturbed
 
 Array = NDArray[np.float64]
@@ -21,6 +21,7 @@ POOL = 1000
 """Feasible poses that a check's are chosen from."""
 
 _SOME = 40  # of them, by which it is told what can be found at all
+_ANY = 1000.0  # times as many: as good as any number
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,32 +60,26 @@ def plan_check(
     least = fewest(reference, moved=moved)
     if count < least:
         raise RefusedError(f"{count} poses are too few to judge by: {least} are needed, and eight or ten find more")
-    whole = _linear(reference, pool[:_SOME])
-    found = sensitivity(reference, whole, alpha, moved=moved, poses=count / min(len(pool), _SOME))
+    some = pool[:: max(len(pool) // _SOME, 1)]
+    whole = _linear(reference, some)
+    found = sensitivity(reference, whole, alpha, offsets, moved=moved, poses=count / len(some))
     seen = [h for h in found.seen if h.joint is not None]
     if not seen:
         raise RefusedError("these measurements tell of no joint: an offset of plausible size would not be found")
-    joints = tuple(h for h in seen if poses_needed(reference, whole, h, offsets[h.name], alpha, moved=moved)) or (
-        *seen,
-    )
+    limit = sensitivity(reference, whole, alpha, offsets, moved=moved, poses=_ANY)
+    joints = tuple([h for h in seen if limit.offset(h) <= offsets[h.name]] or seen)
     rows = plan_rows(reference, pool, moved=moved, joints=joints)
     chosen = pool[choose(pool, area.unit(pool), rows, count, len(joints))]
     chosen = chosen[_tour(reference, chosen, area)]
     linear = _linear(reference, chosen)
+    needed = poses_needed(reference, linear, offsets, alpha, moved=moved)
     return CheckPlan(
         chosen,
-        sensitivity(reference, linear, alpha, moved=False),
-        sensitivity(reference, linear, alpha, moved=True),
-        {h.name: _needed(reference, linear, h, offsets[h.name], alpha, moved) for h in reference.joints},
+        sensitivity(reference, linear, alpha, offsets, moved=False),
+        sensitivity(reference, linear, alpha, offsets, moved=True),
+        {name: None if n is None else max(n, least) for name, n in needed.items()},
         least,
     )
-
-
-def _needed(
-    reference: Reference, linear: Linear, joint: Hypothesis, offset: float, alpha: float, moved: bool
-) -> int | None:
-    count = poses_needed(reference, linear, joint, offset, alpha, moved=moved)
-    return None if count is None else max(count, fewest(reference, moved=moved))
 
 
 def _linear(reference: Reference, q: Array) -> Linear:

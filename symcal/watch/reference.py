@@ -207,9 +207,10 @@ def linear_at(reference: Reference, data: Dataset, y: Array, base: Array | None 
     rows = rows_of(changed.measurement, data, changed.setup, changed.residuals).decorrelated()
     r, slopes = rows(y)
     before, x = reference.before, reference.x
-    motion = y[[i for i, name in enumerate(changed.parameters.names) if name in frame_names(BASE)]]
+    own = frame_names(BASE)
+    motion = y[[i for i, name in enumerate(changed.parameters.names) if name in own]]
     if base is not None or motion.any():
-        moved = [name in frame_names(BASE) for name in before.parameters.names]
+        moved = [name in own for name in before.parameters.names]
         x = np.where(moved, 0.0, x)
         before = replace(before, setup=replace(before.setup, base=carried_out(changed.setup.base, motion)))
     known = rows_of(before.measurement, data, before.setup, before.residuals).decorrelated()(x)[1]

@@ -10,7 +10,7 @@ import numpy as np
 from symcal.watch.check import Change, Check
 from symcal.watch.directed import POWER, Law, Tested
 from symcal.watch.plan import CheckPlan
-from symcal.watch.reference import Hypothesis, Reference
+from symcal.watch.reference import REST, Hypothesis, Reference
 from symcal.watch.sensitivity import Sensitivity
 
 Facts = dict[str, Any]
@@ -18,7 +18,7 @@ Facts = dict[str, Any]
 
 def check_facts(reference: Reference, found: Check) -> Facts:
     """What a check says; the offset of each joint is that if it alone changed."""
-    law = found.sensitivity.law
+    laws, tests = found.sensitivity.laws, {**found.tests, REST: found.rest}
     return {
         "verdict": "holds" if found.holds else "changed",
         "moved": found.moved,
@@ -28,7 +28,7 @@ def check_facts(reference: Reference, found: Check) -> Facts:
         "gross": found.gross,
         "group": [_change(each) for each in found.group],
         "alarms": list(found.alarms),
-        "tests": {name: _tested(each, law) for name, each in found.tests.items()} | {"rest": _tested(found.rest, law)},
+        "tests": {name: _tested(each, laws[name]) for name, each in tests.items()},
         "joints": {h.name: _joint(h, found) for h in reference.joints},
         "unseen": list(found.unseen),
         "smallest": smallest_facts(found.sensitivity),
@@ -99,7 +99,7 @@ def _change(change: Change) -> Facts:
 def _joint(h: Hypothesis, found: Check) -> Facts | None:
     if h.name not in found.alone:
         return None
-    law, (value, sigma) = found.sensitivity.law, found.alone[h.name]
+    law, (value, sigma) = found.sensitivity.laws[h.name], found.alone[h.name]
     return {
         "joint": h.joint,
         "unit": h.units[0],
@@ -112,7 +112,13 @@ def _joint(h: Hypothesis, found: Check) -> Facts | None:
 
 def _tested(each: Tested, law: Law) -> Facts:
     limit = law.limit(each.directions) if each.directions else None
-    return {"squares": each.squares, "directions": each.directions, "limit": limit, "p": each.p}
+    return {
+        "squares": each.squares,
+        "directions": each.directions,
+        "level": law.level,
+        "limit": limit,
+        "p": each.p,
+    }
 
 
 def _finite(value: float) -> float | None:

@@ -110,6 +110,7 @@ def watch(
     out: Path | None = None,
     *,
     alpha: float = ALPHA,
+    offset: str = OFFSET,
     moved: bool = False,
     instrument: str | None = None,
     history: Path | None = None,
@@ -134,7 +135,7 @@ def watch(
     progress("reading the measurements")
     new, _ = new_measurements(robot, data, own, ())
     progress("checking")
-    found = check(reference, new, alpha=alpha, moved=moved)
+    found = check(reference, new, alpha=alpha, offsets=_offsets(offset, reference), moved=moved)
     content: dict[str, Any] = {
         **results.header(robot.name, f"Check of {robot.name}", 0, (calibrated, data), Path.cwd()),
         "kind": "watch",

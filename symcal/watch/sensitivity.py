@@ -14,7 +14,8 @@ from symcal.calibration.simulate import simulate
 from symcal.data.dataset import Dataset
 from symcal.instruments.noise import Noise
 from symcal.watch.directed import Law, added, information, whitening
-from symcal.watch.reference import BASE, Hypothesis, Linear, Reference, linear_at
+from symcal.watch.reference import BASE, REST, Hypothesis, Linear, Reference, linear_at
+from symcal.watch.shares import shares
 
 Array = NDArray[np.float64]
 
@@ -26,12 +27,12 @@ _MOST = 1000  # times as many poses: as good as any number
 class Sensitivity:
     """What a check finds; made by `sensitivity`.
 
-    law: of its tests. seen: hypotheses that are tested: the smallest change found is below what is plausible. smallest:
-    by hypothesis in its units, mm and rad: of a joint its offset; of a frame with shifts (`..._mm`) and turns
-    (`..._rad`) each alone, in the direction that is seen least. absent where nothing of it is seen.
+    laws: of its tests, by hypothesis, and of the sum of squares. seen: hypotheses that are tested: the smallest change
+    found is below what is plausible. smallest: by hypothesis and unit, mm and rad: of a joint its offset; of a frame a
+    shift and a turn, each alone, in the direction that is seen least.
     """
 
-    law: Law
+    laws: Mapping[str, Law]
     seen: tuple[Hypothesis, ...]
     smallest: Mapping[str, Mapping[str, float]]
 
@@ -46,64 +47,76 @@ def undisturbed(reference: Reference, q: Array) -> Dataset:
     return simulate(reference.changed, {}, q, Noise("normal"), np.random.default_rng(0))
 
 
-def sensitivity(reference: Reference, linear: Linear, alpha: float, *, moved: bool, poses: float = 1.0) -> Sensitivity:
+def sensitivity(
+    reference: Reference,
+    linear: Linear,
+    alpha: float,
+    offsets: Mapping[str, float],
+    *,
+    moved: bool,
+    poses: float = 1.0,
+) -> Sensitivity:
     """What readings linearised where nothing changed find.
 
     Args:
-        alpha: probability of an alarm if nothing changed. poses: how many times as many such poses.
+        alpha: probability of an alarm if nothing changed. offsets: wanted, by joint, rad and mm: alpha is shared so
+            that they are found. poses: how many times as many such poses.
     """
-    asked = [h for h in reference.hypotheses if not (moved and h.name == BASE)]
     spread = linear.spread / np.sqrt(poses)
     mixing = whitening(linear.reference, reference.root, spread)
     base = reference.index(reference.named(BASE)) if moved else np.zeros(0, dtype=np.intp)
     given = added(np.zeros((len(spread), 0)), mixing @ linear.slopes[:, base])
-    tests = len(asked) + 1
-    while True:  # fewer that are seen: a lower limit of each, with which no more are lost
-        law = Law(reference.dof, alpha / tests)
-        smallest = {}
-        for h in asked:
-            found = _smallest(given, mixing @ linear.slopes[:, reference.index(h)], h, law)
-            if found:
-                smallest[h.name] = found
-        seen = tuple(h for h in asked if h.name in smallest)
-        if len(seen) + 1 == tests:
-            return Sensitivity(law, seen, smallest)
-        asked, tests = list(seen), len(seen) + 1
+    known: dict[str, tuple[int, Array]] = {}
+    for h in reference.hypotheses:
+        columns = mixing @ linear.slopes[:, reference.index(h)]
+        directions = 0 if moved and h.name == BASE else added(given, columns).shape[1]
+        if directions:
+            known[h.name] = directions, information(given, columns)
+    seen = [h for h in reference.hypotheses if h.name in known]
+    while True:  # fewer that are seen: a larger share of each, with which no more are lost
+        wanted = {h.name: offsets[h.name] ** 2 * float(known[h.name][1][0, 0]) for h in seen if h.joint is not None}
+        found = shares(alpha, len(seen) + 1, wanted, reference.dof)
+        laws = {name: Law(reference.dof, found.get(name, alpha / (len(seen) + 1))) for name in (*known, REST)}
+        smallest = {h.name: _smallest(*known[h.name], h, laws[h.name]) for h in seen}
+        kept = [h for h in seen if smallest[h.name]]
+        if len(kept) == len(seen):
+            return Sensitivity(laws, tuple(seen), smallest)
+        seen = kept
 
 
-def _smallest(given: Array, columns: Array, h: Hypothesis, law: Law) -> dict[str, float]:
-    directions = added(given, columns).shape[1]
-    if not directions:
-        return {}
-    whole, scales, out = information(given, columns), np.array(h.scales), {}
-    needed = law.needed(directions)
+def _smallest(directions: int, whole: Array, h: Hypothesis, law: Law) -> dict[str, float]:
+    needed, out = law.needed(directions), {}
     for unit in dict.fromkeys(h.units):
         own = [i for i, each in enumerate(h.units) if each == unit]
         least = float(np.linalg.eigvalsh(whole[np.ix_(own, own)])[0])
         size = np.sqrt(needed / least) if least > 0 else np.inf
-        if h.joint is None or size < scales[own[0]]:
+        if h.joint is None or size < h.scales[own[0]]:
             out[unit] = float(size)
     return out
 
 
 def poses_needed(
-    reference: Reference, linear: Linear, joint: Hypothesis, offset: float, alpha: float, *, moved: bool
-) -> int | None:
-    """How many such poses find an offset (rad or mm) of a joint; None where no number does: the calibration itself does
-    not know it so well."""
-    count = len(np.unique(linear.pose))
+    reference: Reference, linear: Linear, offsets: Mapping[str, float], alpha: float, *, moved: bool
+) -> dict[str, int | None]:
+    """How many such poses find the wanted offset (rad or mm) of every joint; None where no number does: the calibration
+    itself does not know it so well, or the joint is not seen."""
+    count, known = len(np.unique(linear.pose)), dict[int, Sensitivity]()
 
-    def found(poses: int) -> bool:
-        whole = sensitivity(reference, linear, alpha, moved=moved, poses=poses / count)
-        return whole.offset(joint) <= offset
+    def found(joint: Hypothesis, poses: int) -> bool:
+        if poses not in known:
+            known[poses] = sensitivity(reference, linear, alpha, offsets, moved=moved, poses=poses / count)
+        return known[poses].offset(joint) <= offsets[joint.name]
 
-    low, high = 1, _MOST * count
-    if not found(high):
-        return None
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (low, middle) if found(middle) else (middle, high)
-    return high
+    def needed(joint: Hypothesis) -> int | None:
+        low, high = 1, _MOST * count
+        if not found(joint, high):
+            return None
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (low, middle) if found(joint, middle) else (middle, high)
+        return high
+
+    return {h.name: needed(h) for h in reference.joints}
 
 
 def fewest(reference: Reference, *, moved: bool) -> int:

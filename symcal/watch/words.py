@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from symcal.units import in_mrad
-from symcal.words import listed, number, percent, plural
+from symcal.words import listed, number, plural
 
 Content = Mapping[str, Any]
 
@@ -19,6 +19,11 @@ def size(value: float, unit: str) -> str:
     return f"{number(value * factor, 2)} {shown}"
 
 
+def share(part: float) -> str:
+    """A rate in percent: `1 %`, `0.5 %`."""
+    return f"{100 * part:g} %"
+
+
 def called(name: str, joint: int | None) -> str:
     """A hypothesis in words."""
     return FRAMES[name] if joint is None else f"joint {joint} '{name}'"
@@ -26,7 +31,7 @@ def called(name: str, joint: int | None) -> str:
 
 def verdict(content: Content) -> str:
     """The verdict in one sentence."""
-    alarm = f"false alarm in {percent(content['alpha'])} of checks"
+    alarm = f"false alarm in {share(content['alpha'])} of checks"
     if content["verdict"] == "holds":
         return f"the calibration holds by {plural(len(content['poses']), 'pose')} ({alarm})"
     group = content["group"]
@@ -77,7 +82,9 @@ def plan_remarks(content: Content) -> Iterator[str]:
     """What a plan finds and what it does not."""
     offsets = content["offsets"]
     state = "moved" if content["moved"] else "still"
+    one = [name for name, each in offsets.items() if each["still"] is not None and each["moved"] is None]
     late = {name: each for name, each in offsets.items() if each[state] is None or each[state] > each["wanted"]}
+    late = {name: each for name, each in late.items() if state == "still" or name not in one}
     if not late:
         yield "every joint's wanted offset is found"
     for name, each in late.items():
@@ -91,7 +98,6 @@ def plan_remarks(content: Content) -> Iterator[str]:
             )
         else:
             yield f"joint {each['joint']} '{name}' needs {each['needed']} such poses for {wanted}"
-    one = [name for name, each in offsets.items() if each["still"] is not None and each["moved"] is None]
     if one:
         yield f"with the instrument set up anew, {listed(one)} and the base are one answer"
 

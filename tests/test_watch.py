@@ -12,14 +12,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 import watch_draws as draws
+from cases import ARM, anywhere, random_errors
 from scipy import stats
 from watch_draws import OFFSETS
 
+from symcal.calibration.calibrate import calibrate
 from symcal.calibration.simulate import simulate
 from symcal.data.saved_measurements import save_measurements
 from symcal.errors import InputError, RefusedError
+from symcal.fit.estimation import Options
 from symcal.instruments.noise import Noise
+from symcal.model.model import build_model
+from symcal.model.task import Task
 from symcal.robot.files import save_robot
+from symcal.watch.check import check
 from symcal.watch.choose import offsets_criterion
 from symcal.watch.directed import Law
 from symcal.watch.history import read_history
@@ -228,6 +234,21 @@ def test_one_slip_is_named_and_changes_no_verdict(service, today) -> None:
     assert both.gross is not None
 
 
+def test_an_instrument_in_the_hand_reads_a_check_too(rng) -> None:
+    """Whole poses, and joints that share a name."""
+    model = build_model(ARM, Task.of("pose", {"base", "tool"}, invert=True))
+    errors = {k: v for k, v in random_errors(model, rng).items() if k in ARM.parameters}
+    noise = Noise("normal", 0.05, 1e-4)
+    data = simulate(model, errors, anywhere(ARM, 30, rng), noise, rng)
+    reference = draws.referred(calibrate(model, None, data, Options()).robot)
+    offsets = dict.fromkeys((h.name for h in reference.joints), 5e-4)
+    bad = simulate(model, errors | {"theta_4": errors["theta_4"] + 2e-3}, anywhere(ARM, 8, rng), noise, rng)
+    for moved in (False, True):
+        found = check(reference, bad, alpha=0.01, offsets=offsets, moved=moved)
+        assert [change.hypothesis.name for change in found.group] == ["joint_4"]
+        assert found.group[0].values[0] == pytest.approx(2e-3, abs=4e-4)
+
+
 def test_two_changes_are_no_one_change(service, today) -> None:
     found = draws.checked(service, today({"theta_2": 1e-3, "theta_4": 3e-3}))
     assert not found.holds
@@ -329,6 +350,7 @@ def test_bad_input_is_one_error(name: str, folder, symcal) -> None:
 def test_a_command_that_says_too_little_or_too_much_is_a_usage_error(folder, symcal) -> None:
     assert symcal("watch", folder / "calibrated.yaml")[0] == 2
     assert symcal("watch", folder / "calibrated.yaml", "--plan", "--data", folder / "good.csv")[0] == 2
+    assert symcal("watch", folder / "calibrated.yaml", "--plan", "--history", "h.csv")[0] == 2
     code, _, err = symcal("watch", folder / "calibrated.yaml", "--data", folder / "good.csv", "--date", "monday")
     assert code == 1
     assert "--date" in err

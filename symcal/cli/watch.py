@@ -50,6 +50,10 @@ def watch(
 
     if plan == (data is not None):
         raise typer.BadParameter("say either --data CSV or --plan")
+    if plan and (history is not None or date is not None):
+        raise typer.BadParameter("--history and --date are of a check, not of a plan")
+    if experiment is not None and not plan:
+        raise typer.BadParameter("--experiment is of a plan")
     with terminal.spinner(quiet) as progress:
         if plan:
             out, content = watch_plan(

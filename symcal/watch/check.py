@@ -133,7 +133,7 @@ def _check_count(count: int, needed: int, moved: bool) -> None:
         unknown = ", with an instrument that was set up anew," if moved else ""
         raise RefusedError(
             f"{count} poses are too few{unknown} to tell one change from another and from a slip of a reading: "
-            f"{needed} are needed, and eight or ten find more"
+            f"{needed} are needed at least"
         )
 
 

@@ -41,6 +41,7 @@ Array = NDArray[np.float64]
 _BAND = "#eceff1"  # where nothing is said
 _SHORT = {"base": "base", "tool": "tool", "rest": "anything else"}
 _ROW, _HEAD = 6.0, 18.0  # mm: a line, and what stands around them
+_LARGE = 30.0  # times the noise, from which readings are on a logarithmic axis
 _NAMED = 24  # poses of which each has its name below the axis
 _IN_ROW = 3  # joints of a history beside each other
 
@@ -81,10 +82,8 @@ def _tests(axes: Axes, rows: Sequence[str], content: Content) -> None:
         else:
             axes.text(0, at, "not seen", color=FAINT, ha="center", va="center", backgroundcolor=_BAND, fontsize=6)
             said.append("")
-    labels = [
-        f"{content['joints'][name]['joint']}  {name}" if content["joints"].get(name) else _SHORT.get(name, name)
-        for name in rows
-    ]
+    numbered = {name: i for i, name in enumerate(content["joints"], start=1)}
+    labels = [f"{numbered[name]}  {name}" if name in numbered else _SHORT[name] for name in rows]
     axes.set_yticks(range(len(rows)), [escaped(label) for label in labels])
     for tick, name in zip(axes.get_yticklabels(), rows, strict=True):
         if name in named:
@@ -111,7 +110,12 @@ def _poses(axes: Axes, content: Content) -> None:
             look: dict[str, Any] = {"color": color, "markerfacecolor": face, "label": text}
             axes.plot(at, over[state], "o-", linewidth=0.6, markersize=3.6, **look)
     axes.axhline(1, color=INK, linewidth=0.6, linestyle=(0, (4, 3)), zorder=1)
-    axes.set_ylim(0, 1.12 * max(1.5, *(max(values) for values in over.values())))
+    largest = max(max(values) for values in over.values())
+    if largest > _LARGE:
+        axes.set_yscale("log")
+        logarithmic(axes.yaxis)
+    else:
+        axes.set_ylim(0, 1.12 * max(1.5, largest))
     if len(labels) <= _NAMED:
         long = max(len(label) for label in labels) > 3
         axes.set_xticks(at, [escaped(label) for label in labels], rotation=90 if long else 0)

@@ -59,7 +59,7 @@ def plan_check(
     """
     least = fewest(reference, moved=moved)
     if count < least:
-        raise RefusedError(f"{count} poses are too few to judge by: {least} are needed, and eight or ten find more")
+        raise RefusedError(f"{count} poses are too few to judge by: {least} are needed at least")
     some = pool[:: max(len(pool) // _SOME, 1)]
     whole = _linear(reference, some)
     found = sensitivity(reference, whole, alpha, offsets, moved=moved, poses=count / len(some))

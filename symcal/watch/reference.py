@@ -185,8 +185,9 @@ def _hypotheses(model: Model) -> tuple[Hypothesis, ...]:
     carried = tuple(name for name in model.placement if name not in frames)
     units: dict[str, str] = dict(zip(names, model.parameters.units, strict=True))
     known: list[tuple[str, tuple[str, ...], int | None]] = [(BASE, base, None), (TOOL, carried, None)]
+    taken = [BASE, TOOL, REST, *(joint.name for joint in model.robot.joints)]
     for i, joint in enumerate(model.robot.joints, start=1):
-        called = f"joint_{i}" if joint.name in (BASE, TOOL, REST) else joint.name
+        called = joint.name if taken.count(joint.name) == 1 else f"joint_{i}"
         known.append((called, (zero_name(joint.revolute, i),), i))
     return tuple(
         Hypothesis(name, own, tuple(SCALE[units[each]] for each in own), tuple(units[each] for each in own), number)

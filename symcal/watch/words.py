@@ -26,7 +26,9 @@ def share(part: float) -> str:
 
 def called(name: str, joint: int | None) -> str:
     """A hypothesis in words."""
-    return FRAMES[name] if joint is None else f"joint {joint} '{name}'"
+    if joint is None:
+        return FRAMES[name]
+    return f"joint {joint}" if name == f"joint_{joint}" else f"joint {joint} '{name}'"
 
 
 def verdict(content: Content) -> str:
@@ -90,14 +92,14 @@ def plan_remarks(content: Content) -> Iterator[str]:
     for name, each in late.items():
         wanted = size(each["wanted"], each["unit"])
         if each[state] is None:
-            yield f"joint {each['joint']} '{name}' is not seen: the target is on or near its axis"
+            yield f"{called(name, each['joint'])} is not seen: the target is on or near its axis"
         elif each["needed"] is None:
             yield (
-                f"joint {each['joint']} '{name}' is not seen at {wanted}, by no number of poses: the calibration does "
+                f"{called(name, each['joint'])} is not seen at {wanted}, by no number of poses: the calibration does "
                 f"not know it better; a target farther off its axis does"
             )
         else:
-            yield f"joint {each['joint']} '{name}' needs {each['needed']} such poses for {wanted}"
+            yield f"{called(name, each['joint'])} needs {each['needed']} such poses for {wanted}"
     if one:
         yield f"with the instrument set up anew, {listed(one)} and the base are one answer"
 

@@ -118,9 +118,9 @@ def test_the_smallest_change_is_found_so_often(dof: float) -> None:
 @pytest.mark.parametrize("dof", [25.0, np.inf])
 def test_the_rate_of_false_alarms_is_shared_for_equal_power(dof: float) -> None:
     wanted = {"strong": 400.0, "weak": 20.0, "weaker": 16.0, "hopeless": 1.0}
-    found = shares(0.01, 8, wanted, dof)
-    assert found["hopeless"] == 0.01 / 8
-    assert sum(found.values()) == pytest.approx(4 * 0.01 / 8)
+    found, other = shares(0.01, 8, wanted, dof)
+    assert found["hopeless"] == other == 0.5 * 0.01 / 8
+    assert sum(found.values()) + 4 * other == pytest.approx(0.01)
     assert found["strong"] == pytest.approx(0.1 * 0.01 / 8, rel=1e-3)
 
     def power(name: str, level: float) -> float:
@@ -130,7 +130,9 @@ def test_the_rate_of_false_alarms_is_shared_for_equal_power(dof: float) -> None:
 
     assert power("weak", found["weak"]) == pytest.approx(power("weaker", found["weaker"]), abs=2e-4)
     assert power("weaker", found["weaker"]) > power("weaker", 0.01 / 8)
-    assert shares(0.01, 8, {"a": 1e9, "b": 1e9}, dof) == pytest.approx({"a": 0.01 / 8, "b": 0.01 / 8})
+    sure, other = shares(0.01, 8, {"a": 1e9, "b": 1e9}, dof)
+    assert sure["a"] == sure["b"] == pytest.approx((0.01 - 6 * other) / 2)
+    assert shares(0.01, 8, {"a": 1.0}, dof) == ({"a": 0.01 / 8}, 0.01 / 8)
 
 
 def test_the_offset_that_is_promised_is_found_so_often(service, rng) -> None:

@@ -75,8 +75,8 @@ def sensitivity(
     seen = [h for h in reference.hypotheses if h.name in known]
     while True:  # fewer that are seen: a larger share of each, with which no more are lost
         wanted = {h.name: offsets[h.name] ** 2 * float(known[h.name][1][0, 0]) for h in seen if h.joint is not None}
-        found = shares(alpha, len(seen) + 1, wanted, reference.dof)
-        laws = {name: Law(reference.dof, found.get(name, alpha / (len(seen) + 1))) for name in (*known, REST)}
+        of_joints, other = shares(alpha, len(seen) + 1, wanted, reference.dof)
+        laws = {name: Law(reference.dof, of_joints.get(name, other)) for name in (*known, REST)}
         smallest = {h.name: _smallest(*known[h.name], h, laws[h.name]) for h in seen}
         kept = [h for h in seen if smallest[h.name]]
         if len(kept) == len(seen):

@@ -50,11 +50,11 @@ def _head(name: str, title: str) -> str:
 def _plan(robot: Robot, draft: Draft, cell: Cell) -> str:
     """The section `plan`: `symcal plan` works on it as it is."""
     lines = [_said("plan:", "'symcal plan experiment.yaml' chooses the postures"), f"  poses: {draft.poses}"]
-    if draft.images:  # whose every corner counts at every pose that is tried
+    if draft.images:  # every corner counts at every pose that is tried
         lines += [
-            _said("  method: exchange", "'certified' searches further. With a board a plan takes minutes"),
-            "  sample: 1000",
-            f"  promise: {{counts: [{draft.poses}], random: 10}}",
+            "  sample: 2000",
+            _said("  among: sample", "from so many random postures; without these two lines from all, which takes"),
+            _said("", "minutes with a board"),
         ]
     if draft.noise:
         units = ", ".join(dict.fromkeys(_UNITS[quantity] for quantity in draft.noise))
@@ -63,15 +63,22 @@ def _plan(robot: Robot, draft: Draft, cell: Cell) -> str:
         )
     first = cell.posture.first_link
     known = "The plan knows of the table below and of nothing else" if first else "The plan knows of nothing around"
+    known = known.replace(" of nothing", " of the view, but of nothing") if draft.images else known
     lines += [
         _said("  area:", "FILL IN: joint readings between which the arm hits nothing, itself included, and no"),
         _said("", f"cable is pulled. {known}"),
     ]
     for joint, ends in zip(robot.joints, cell.area, strict=True):
         lines.append(f"    {quoted(joint.name)}: {numbers_text(ends)}")
+    if draft.images or first is not None:
+        lines.append("  constraints:")
+    if draft.images:
+        lines += [
+            _said("    view: {whole: true, margin_px: 40}", "plan views of the whole board, so far from the image's border;"),
+            _said("", "images that show a part of it count as well"),
+        ]
     if first is not None:
         lines += [
-            "  constraints:",
             _said("    planes:", f"FILL IN: links from the {_nth(first)} on stay 50 mm above z = 0 of the base"),
             f"      - {{name: table, point: [0, 0, 0], normal: [0, 0, 1], margin: 50, first_link: {first}}}",
         ]

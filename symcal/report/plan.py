@@ -142,9 +142,11 @@ def _how(content: Content) -> str:
     certificate, pool = content["plan"]["certificate"], content.get("pool")
     if certificate["exhaustive"]:
         if pool and not content["candidates"]:
+            which = "random ones moved until they touch" if content["touching"] else "random ones and corners of the area"
+            every = "that could touch" if content["touching"] else "of the area"
             return (
-                f"over all {certificate['searched']} postures of a pool, random ones moved until they touch: it holds "
-                "for this pool, not for every posture that could touch."
+                f"over all {certificate['searched']} postures of a pool, {which}: it holds for this pool, not for every "
+                f"posture {every}."
             )
         return f"over all {certificate['searched']} candidates, which are the whole set."
     searched = (
@@ -261,7 +263,8 @@ def _facts(content: Content) -> list[list[str]]:
     if content["candidates"]:
         facts.append(["candidates", f"{content['candidates']} poses to choose from"])
     elif content.get("pool"):
-        facts.append(["pool", f"{content['pool']} postures that touch, to choose from"])
+        touching = " that touch" if content["touching"] else ""
+        facts.append(["pool", f"{content['pool']} postures{touching}, to choose from"])
     if content["constraints"]["distance"]:
         facts.append(["distance", f"{content['constraints']['distance']:g} of the working area between any two poses"])
     facts.append(["random seed", str(content["seed"])])

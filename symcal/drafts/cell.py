@@ -31,10 +31,17 @@ _CAMERA = np.array([0.0, -60.0, 40.0])  # from the tool, where its z axis points
 _AWAY = {"down": 400.0, "outward": 700.0}  # mm: of the board from the camera
 _NEAREST = 300.0  # mm: of the same, where the arm cannot lift the camera so high above its base
 _BALL = np.array([0.0, 0.0, 120.0])  # as the camera
-_POINT, _HIGH = np.array([60.0, 0.0, 40.0]), np.array([60.0, 0.0, 80.0])  # as the camera: of reflector or hook; of a gauge
+_POINT, _HIGH = (
+    np.array([60.0, 0.0, 40.0]),
+    np.array([60.0, 0.0, 80.0]),
+)  # as the camera: of reflector or hook; of a gauge
 _OFF_AXIS, _TILT = np.deg2rad(12.0), np.deg2rad(25.0)  # of a board, by one joint: its direction, its tilt
 _VIEW = np.array([600.0, 320.0]) / 925.0  # x/z and y/z of the camera in first files, 40 px from its border
-_SHARE, _EVEN, _LESS = 0.15, 2000, 0.9  # least share of an area that sees all of a board, of so many postures; shrinking
+_SHARE, _EVEN, _LESS = (
+    0.15,
+    2000,
+    0.9,
+)  # least share of an area that sees all of a board, of so many postures; shrinking
 _QUARTER = np.pi / 2  # rad: turns of a joint beyond that are for nobody's cable
 _ASKEW = np.pi / 4  # rad: a tool that misses its direction by more points elsewhere
 _NEARER = 0.25  # or farther by this share of its distance
@@ -63,7 +70,9 @@ def cell(robot: Robot, draft: Draft) -> Cell:
     """
     if draft.view is None:
         home = posture(robot, draft.facing)
-        return Cell(home, _around(robot, home, np.deg2rad(draft.turn)), _held(home) | _PLACES.get(draft.name, _nothing)(home))
+        return Cell(
+            home, _around(robot, home, np.deg2rad(draft.turn)), _held(home) | _PLACES.get(draft.name, _nothing)(home)
+        )
     height = _AWAY["down"] + _CAMERA[2] if draft.facing == "down" else None  # with the board on the table
     home = posture(robot, draft.facing, height)
     if draft.facing == "outward" and home.missed > _ASKEW:
@@ -118,8 +127,8 @@ def _in_view(robot: Robot, home: Posture, view: View, board: Board, times: float
     while True:
         below, above = (np.minimum(times * np.maximum(end, least), most) for end in ends)
         area = _rounded(robot, home, home.q - below, home.q + above)
-        lower, upper = (np.where(turns, np.deg2rad(end), end) for end in area.T)
-        if times <= 1.0 or _whole(view(lower + even * (upper - lower)), board).mean() >= _SHARE:
+        lower, upper = np.where(turns, np.deg2rad(area.T), area.T)
+        if times <= 1.0 or np.mean(_whole(view(lower + even * (upper - lower)), board)) >= _SHARE:
             return area
         times *= _LESS
 
@@ -129,8 +138,7 @@ def _whole(seen: Array, board: Board) -> NDArray[np.bool_]:
     x, y = np.array([board.columns - 2, board.rows - 2]) * board.square / 2
     corners = np.array([[-x, -y, 0.0], [x, -y, 0.0], [-x, y, 0.0], [x, y, 0.0]])
     points = corners @ seen[:, :3, :3].swapaxes(1, 2) + seen[:, None, :3, 3]
-    inside = (np.abs(points[:, :, :2]) < _VIEW * points[:, :, 2:]).all(axis=2)
-    return np.asarray(inside.all(axis=1))
+    return np.asarray((np.abs(points[:, :, :2]) < _VIEW * points[:, :, 2:]).all(axis=(1, 2)))
 
 
 def _kept(seen: Array, first: Array) -> Array:
@@ -147,7 +155,11 @@ def _kept(seen: Array, first: Array) -> Array:
 def _held(home: Posture) -> dict[str, str]:
     """What is on the tool, in the tool frame or one that is turned out of the flange."""
     out = np.array([1.0, 1.0, home.outward])
-    turned = "" if home.outward > 0 else "\n    place: {rpy: [180, 0, 0]}    # turned, so that its z points out of the flange"
+    turned = (
+        ""
+        if home.outward > 0
+        else "\n    place: {rpy: [180, 0, 0]}    # turned, so that its z points out of the flange"
+    )
     return {"point": numbers_text(out * _POINT), "high": numbers_text(out * _HIGH), "turned": turned}
 
 

@@ -56,6 +56,9 @@ def _plan(robot: Robot, draft: Draft, cell: Cell) -> str:
             _said("  among: sample", "from so many random postures; without these two lines from all, which takes"),
             _said("", "minutes with a board"),
         ]
+    elif not draft.entries:
+        foretold = [draft.poses * share // 4 for share in (2, 3, 4, 6)]
+        lines.append(_said(f"  promise: {{counts: {foretold}}}", "numbers of poses for which errors are foretold"))
     if draft.noise:
         units = ", ".join(dict.fromkeys(_UNITS[quantity] for quantity in draft.noise))
         lines.append(
@@ -74,7 +77,10 @@ def _plan(robot: Robot, draft: Draft, cell: Cell) -> str:
         lines.append("  constraints:")
     if draft.images:
         lines += [
-            _said("    view: {whole: true, margin_px: 40}", "plan views of the whole board, so far from the image's border;"),
+            _said(
+                "    view: {whole: true, margin_px: 40}",
+                "plan views of the whole board, so far from the image's border;",
+            ),
             _said("", "images that show a part of it count as well"),
         ]
     if first is not None:

@@ -128,10 +128,10 @@ class _Staged:
 
     def _unit_rows(self) -> Array:
         """The other rows of M, the same at all poses, shape (k, p): zero for an own number that is not free."""
-        return (self.kernel.columns[:, None] == self.index) * self.scales
+        return np.asarray((self.kernel.columns[:, None] == self.index) * self.scales)
 
     def _inner(self, screws: Array, lifted: Array) -> tuple[Array, Array, Array]:
-        """N, (N, 6 + k, 6 + k), and the rows of M W: six of each pose, (N, 6, p), and those that are the same, (k, p)."""
+        """N, (N, 6 + k, 6 + k), and the rows of M W: six of each pose, (N, 6, p), and what is the same, (k, p)."""
         unit = self._unit_rows()
         six, same = screws @ lifted, unit @ lifted
         inner = np.empty((len(screws), 6 + len(unit), 6 + len(unit)))

@@ -142,12 +142,11 @@ def _how(content: Content) -> str:
     certificate, pool = content["plan"]["certificate"], content.get("pool")
     if certificate["exhaustive"]:
         if pool and not content["candidates"]:
-            which = "random ones moved until they touch" if content["touching"] else "random ones and corners of the area"
-            every = "that could touch" if content["touching"] else "of the area"
-            return (
-                f"over all {certificate['searched']} postures of a pool, {which}: it holds for this pool, not for every "
-                f"posture {every}."
-            )
+            touching = content["touching"]
+            which = "random ones moved until they touch" if touching else "random ones and corners of the area"
+            every = "posture that could touch" if touching else "posture of the area"
+            said = f"over all {certificate['searched']} postures of a pool, {which}"
+            return f"{said}: it holds for this pool, not for every {every}."
         return f"over all {certificate['searched']} candidates, which are the whole set."
     searched = (
         f"searched over {certificate['searched']} sampled poses, limits and corners among them, and polished with "

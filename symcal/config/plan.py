@@ -254,8 +254,8 @@ class PlanConfig(Strict):
     of poses (or measurements) to choose from. distance: between any two poses, in units of the working area.
     random: random plans to compare with. prove: prove how good the plan is, instead of searching for better ones, where
     that is possible. compare: further methods whose efficiency over time is reported.
-    sample: poses that stand for the feasible set. among: choose from any pose of the `area`, or from the `sample` alone,
-    which is quick where information is costly; nothing is then foretold of other numbers of poses.
+    sample: poses that stand for the feasible set. among: choose from any pose of the `area`, or from the `sample`
+    alone, which is quick where information is costly; nothing is then foretold of other numbers of poses.
     instruments: sets of them, by their names, that are compared at the plan's poses; each alone and all together unless
     named.
     """

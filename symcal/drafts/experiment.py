@@ -65,8 +65,8 @@ def _plan(robot: Robot, draft: Draft, cell: Cell) -> str:
             _said(f"  noise: {_flow(draft.noise)}", f"FILL IN: of the instrument, one standard deviation, {units}")
         )
     first = cell.posture.first_link
-    known = "The plan knows of the table below and of nothing else" if first else "The plan knows of nothing around"
-    known = known.replace(" of nothing", " of the view, but of nothing") if draft.images else known
+    knows = [*(["the table below"] if first else []), *(["the camera's view"] if draft.images else [])]
+    known = f"The plan knows of {' and '.join(knows) or 'nothing around'}{', no more' if knows else ''}"
     lines += [
         _said("  area:", "FILL IN: joint readings between which the arm hits nothing, itself included, and no"),
         _said("", f"cable is pulled. {known}"),

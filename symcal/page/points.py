@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from symcal.page.body import shown
 from symcal.page.marks import Mark, Marks
-from symcal.page.scene import shown
 from symcal.robot.robot import Robot
 from symcal.words import fixed, number
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from symcal.cli.app import Experiment, Quiet, Seed, Set
+from symcal.cli.app import Experiment, NoReport, Quiet, Seed, Set, with_outputs
 
 
 def plan(
@@ -17,6 +17,7 @@ def plan(
     ] = None,
     seed: Seed = None,
     set_: Set = None,
+    no_report: NoReport = False,
     quiet: Quiet = False,
 ) -> None:
     """Choose the poses to measure: which, how many, in what order, and how good the plan provably is."""
@@ -27,7 +28,8 @@ def plan(
     from symcal.runs.plan import run_plan
 
     with terminal.spinner(quiet) as progress:
-        folder, content = run_plan(experiment, out, seed=seed, overrides=set_ or (), progress=progress)
+        overrides = with_outputs(set_, no_report)
+        folder, content = run_plan(experiment, out, seed=seed, overrides=overrides, progress=progress)
     reply(lambda: content, folder)
     if not quiet:
         terminal.print_plan(content)

@@ -1,10 +1,16 @@
 "use strict";
 // The chosen reading: its row, the joints within their limits, what is left of it; and what steers the picture.
 (() => {
-  const { poses, marks, joints, images } = data;
+  const { poses, marks, joints } = data;
   const by = (id) => document.getElementById(id);
   const panel = by("detail"), table = by("points");
   let chosen = data.worst;
+  const images = new Map();
+  for (const each of document.querySelectorAll("#images a")) {
+    const { pose } = each.dataset, at = () => marks.pose.findIndex((p) => poses.label[p] === pose);
+    images.set(pose, [...(images.get(pose) ?? []), each]);
+    each.addEventListener("click", () => choose(at()));
+  }
 
   const make = (tag, text, attributes = {}) => {
     const node = document.createElement(tag);
@@ -49,9 +55,12 @@
     if (marks.held[i] !== null && marks.part[i] !== "test") sizes.append(row("held out", "", minus(marks.held[i])));
     const q = make("table");
     joints.forEach((joint, j) => q.append(row(joint.name, `${minus(poses.q[pose][j])} ${joint.unit}`, within(joint, poses.q[pose][j]))));
-    panel.replaceChildren(steps, make("h3", `pose ${poses.label[pose]}${marks.point[i] ? ` · ${marks.point[i]}` : ""}`), make("p", `${kind}, instrument: ${marks.instrument[i]}${i === data.worst ? `; the largest ${marks.held[i] === null ? "" : "held-out "}error` : ""}`, { class: "small" }), sizes, q);
-    const image = images[poses.label[pose]];
-    if (image) panel.append(make("img", undefined, { src: image, alt: `image of pose ${poses.label[pose]}` }));
+    panel.replaceChildren(steps, make("h3", `pose ${poses.label[pose]}${marks.point[i] ? ` · ${marks.point[i]}` : ""}`), make("p", `${kind}, instrument: ${marks.instrument[i]}${i === data.worst ? `; with the largest ${marks.held[i] === null ? "" : "held-out "}error` : ""}`, { class: "small" }), sizes, q);
+    for (const each of images.get(poses.label[pose]) ?? []) {
+      const figure = make("figure");
+      figure.append(make("img", undefined, { src: each.firstChild.src, alt: each.firstChild.alt }), make("figcaption", each.textContent));
+      panel.append(figure);
+    }
   };
   const choose = (i) => {
     if (!(i in marks.pose)) return;

@@ -21,9 +21,9 @@ from symcal.kinematics import chain, function
 from symcal.model.observation import Observation, Place
 from symcal.model.task import Task
 from symcal.page import Identified
-from symcal.page import composed as composed_module
+from symcal.page import assembled as assembled_module
 from symcal.page.arm import postures
-from symcal.page.composed import CAP
+from symcal.page.assembled import CAP
 from symcal.page.headline import headline, ladder
 from symcal.page.identification import page
 from symcal.page.intervals import intervals
@@ -164,9 +164,9 @@ def test_it_stays_small(case: Any, content: dict[str, Any], tmp_path: Path, monk
     assert len(whole.encode()) < CAP
     assert all(picture.caption[:40] in Page(whole).text for picture in pictures)
     bare = len(page(Identified(content, *case)).encode())
-    monkeypatch.setattr(composed_module, "CAP", (bare + len(whole.encode())) // 2)
+    monkeypatch.setattr(assembled_module, "CAP", (bare + len(whole.encode())) // 2)
     small = page(Identified(content, *case, pictures))
-    assert len(small.encode()) <= composed_module.CAP
+    assert len(small.encode()) <= assembled_module.CAP
     left_out = Page(small).text.partition("Left out of this page")[2].partition(".")[0]
     assert left_out.endswith(pictures[-1].title)
 

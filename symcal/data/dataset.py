@@ -164,6 +164,11 @@ class Dataset:
         """At most `SOME` poses, evenly spread in their order; the data themselves where there are no more."""
         return self if len(self) <= SOME else self.take(evenly(len(self)))
 
+    @property
+    def used(self) -> Dataset:
+        """The poses that train or test."""
+        return self.take(np.array([split != "unused" for split in self.split], dtype=bool))
+
     def part(self, split: str) -> Dataset:
         """The poses of one split; the data themselves where that is all of them."""
         wanted = np.array([s == split for s in self.split], dtype=bool)
@@ -174,6 +179,11 @@ def evenly(count: int, most: int | None = None) -> NDArray[np.intp]:
     """Numbers of at most so many (`SOME`) of ``count`` poses, evenly spread in their order."""
     most = SOME if most is None else most
     return np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(np.intp)
+
+
+def unseen(count: int) -> tuple[str, ...]:
+    """Names of poses that no file and no measurement has."""
+    return tuple(f"unseen {i + 1}" for i in range(count))
 
 
 def with_random_test(data: Dataset, fraction: float, rng: np.random.Generator) -> Dataset:

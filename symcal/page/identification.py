@@ -16,11 +16,11 @@ from symcal.calibration.evaluate import Errors
 from symcal.data.dataset import Dataset
 from symcal.outputs.whole_file import write_whole
 from symcal.page.area_map import area_map
-from symcal.page.composed import composed
-from symcal.page.headline import headline, ladder
+from symcal.page.assembled import assembled
+from symcal.page.gallery import NONE, Gallery
+from symcal.page.headline import headline, ladder, nominal
 from symcal.page.intervals import intervals
 from symcal.page.marks import judged_marks, marks
-from symcal.page.pictures import thumbnail
 from symcal.page.points import points_table
 from symcal.page.scene import Area, scene
 from symcal.report.identification import identification_text
@@ -34,7 +34,7 @@ class Identified:
     """What a page shows of an identification.
 
     unseen: joint readings of poses that only ``errors`` know, shape (k, dof); None where the data hold all poses.
-    images: pixels by the label of the pose that they show. area: of joint readings, the joint limits when None.
+    images: of the poses. area: of joint readings, the joint limits when None.
     """
 
     content: Mapping[str, Any]
@@ -43,7 +43,7 @@ class Identified:
     errors: Mapping[str, Mapping[str, Errors]]
     pictures: Sequence[Picture] = ()
     unseen: Array | None = None
-    images: Mapping[str, NDArray[Any]] | None = None
+    images: Gallery = NONE
     area: Area | None = None
 
 
@@ -58,22 +58,29 @@ def write_page(found: Identified, path: Path | str) -> None:
 
 def page(found: Identified) -> str:
     """The page as HTML."""
-    return composed("identification", partial(_given, found), found.pictures)
+    return assembled("identification", partial(_given, found), found.pictures, found.images)
 
 
 def _given(found: Identified) -> dict[str, Any]:
-    """What the template shows, but for the figures."""
+    """What the template shows, but for figures and images."""
+    content = found.content
+    return touchable(found) | {
+        "text": identification_text(content),
+        "ladder": ladder(content),
+    }
+
+
+def touchable(found: Identified) -> dict[str, Any]:
+    """What every page of an identification has: the headline, the arm with its readings, and what came of it."""
     content, own = found.content, (found.calibration, found.data, found.errors)
     shown = marks(*own) if found.unseen is None else judged_marks(*own, found.unseen, content["measurement"]["error"])
     space = scene(found.calibration, shown, found.area, np.random.default_rng(content["seed"]))
-    images = {label: thumbnail(pixels) for label, pixels in (found.images or {}).items() if label in shown.poses.labels}
     return {
-        "text": identification_text(content),
         "against": content["against"],
         "headline": headline(content),
-        "ladder": ladder(content),
+        "nominal": nominal(content),
         "intervals": intervals(content["identification"]["parameters"]),
         "points": points_table(shown, found.calibration.robot, worst=shown.worst),
         "area": area_map(space["area"]),
-        "scene": space | {"images": images},
+        "scene": space,
     }

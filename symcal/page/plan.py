@@ -13,8 +13,8 @@ import numpy as np
 from symcal.model.model import Model
 from symcal.outputs.whole_file import write_whole
 from symcal.page.around import around
+from symcal.page.assembled import assembled
 from symcal.page.body import COLORS, joints
-from symcal.page.composed import composed
 from symcal.page.stops import Stops, stops, stops_data, stops_table
 from symcal.page.tour import tour, tour_data
 from symcal.planning.plan_study import PlanStudy
@@ -47,7 +47,7 @@ def write_plan_page(shown: PlanShown, path: Path | str) -> None:
 
 def plan_page(shown: PlanShown) -> str:
     """The page as HTML."""
-    return composed("plan", partial(_given, shown), shown.pictures)
+    return assembled("plan", partial(_given, shown), shown.pictures)
 
 
 def _given(shown: PlanShown) -> dict[str, Any]:

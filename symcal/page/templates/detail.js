@@ -1,10 +1,16 @@
 "use strict";
 // The chosen reading: its row, the joints within their limits, what is left of it; and what steers the picture.
 (() => {
-  const { poses, marks, images } = data;
+  const { poses, marks } = data;
   const { make, row, minus } = panel;
   const by = (id) => document.getElementById(id);
   let chosen = data.worst;
+  const images = new Map();
+  for (const each of document.querySelectorAll("#images a")) {
+    const { pose } = each.dataset, at = () => marks.pose.findIndex((p) => poses.label[p] === pose);
+    images.set(pose, [...(images.get(pose) ?? []), each]);
+    each.addEventListener("click", () => choose(at()));
+  }
 
   const show = (i) => {
     const pose = marks.pose[i], unit = marks.unit[i];
@@ -17,10 +23,13 @@
     if (marks.names[i].length > 1) marks.names[i].forEach((name, k) => sizes.append(row(name, minus(marks.own[i][0][k]), minus(marks.own[i][1][k]))));
     if (marks.turn[i]) sizes.append(row("turned by / deg", minus(marks.turn[i][0]), minus(marks.turn[i][1])));
     if (marks.held[i] !== null && marks.part[i] !== "test") sizes.append(row("held out", "", minus(marks.held[i])));
-    const words = `${kind}, instrument: ${marks.instrument[i]}${i === data.worst ? `; the largest ${marks.held[i] === null ? "" : "held-out "}error` : ""}`;
+    const words = `${kind}, instrument: ${marks.instrument[i]}${i === data.worst ? `; with the largest ${marks.held[i] === null ? "" : "held-out "}error` : ""}`;
     const parts = [panel.steps(i), make("h3", `pose ${poses.label[pose]}${marks.point[i] ? ` · ${marks.point[i]}` : ""}`), make("p", words, { class: "small" }), sizes, panel.readings(poses.q[pose])];
-    const image = images[poses.label[pose]];
-    if (image) parts.push(make("img", undefined, { src: image, alt: `image of pose ${poses.label[pose]}` }));
+    for (const each of images.get(poses.label[pose]) ?? []) {
+      const figure = make("figure");
+      figure.append(make("img", undefined, { src: each.firstChild.src, alt: each.firstChild.alt }), make("figcaption", each.textContent));
+      parts.push(figure);
+    }
     panel.show(...parts);
   };
   const choose = (i) => {

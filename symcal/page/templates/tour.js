@@ -55,7 +55,7 @@
   const way = (k) => `${poses.way[k] === "straight" ? "the tool moves straight" : "the joints move linearly"}${poses.time ? `, ${number(poses.time[k])} s at full joint speeds` : ""}${poses.why[k] ? `: ${poses.why[k]}` : ""}`;
   const show = (k) => {
     const facts = make("table"), minusOf = (values, digits) => values.map((v) => minus(v.toFixed(digits))).join(", ");
-    facts.append(row("tool at", `${minusOf(poses.tool[k], 1)} mm`), row("its z axis", minusOf(poses.axis[k].map((v) => v / 100), 2)));
+    facts.append(row("tool at / mm", minusOf(poses.tool[k], 1)), row("its z axis", minusOf(poses.axis[k].map((v) => v / 100), 2)));
     if (poses.touches && poses.touches[k]) facts.append(row("touches", poses.touches[k]));
     facts.append(row("foretold here", `${number(poses.foretold[k])} mm rms`), row("over the region", `${number(data.mean)} mm rms`), row("… without it", `${number(poses.without[k])} mm (+${number(poses.worth[k])} %)`), row("its share", `${number(poses.directions[k])} of ${data.rank} directions`));
     const tells = poses.tells[k].map(([name, more]) => `${name} (+${more})`).join(", ");

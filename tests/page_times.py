@@ -72,7 +72,9 @@ def main() -> int:
             for width in WIDTHS:
                 found = timed(browser, path, width, given.out)
                 late = [name for name, s in found["times"].items() if s is None or s > LIMITS[name]]
-                words = ", ".join(f"{name} {'never' if s is None else f'{s:.2f} s'}" for name, s in found["times"].items())
+                words = ", ".join(
+                    f"{name} {'never' if s is None else f'{s:.2f} s'}" for name, s in found["times"].items()
+                )
                 missed = f" (late: {', '.join(late)}; load {os.getloadavg()[0]:.1f})" if late else ""
                 sys.stdout.write(
                     f"  {width} px: {words}{missed}; "

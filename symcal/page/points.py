@@ -37,7 +37,7 @@ def points_table(found: Marks, robot: Robot, *, worst: int | None) -> dict[str, 
         cells += [number_cell(size, places, suffix) for size in row.sizes]
         cells += [number_cell(row.held_out, places, suffix)] * held
         cells += [number_cell(None if row.turns is None else row.turns[1], 3)] * turned
-        cells += [number_cell(float(value), 2) for value in q[row.pose]]
+        cells += [number_cell(round(float(value), 2), 2) for value in q[row.pose]]
         body.append({"number": i, "cells": cells, "worst": i == worst})
     return {"head": head, "rows": body, "of": found.of, "units": units}
 

@@ -77,8 +77,8 @@ def stops_table(own: Stops) -> dict[str, Any]:
         cells = [text_cell(planned.names[i])] + [text_cell("required" if planned.required[i] else "")] * must
         cells += [text_cell(own.touches[i])] if own.touches is not None else []
         cells += [number_cell(float(worth[i]), decimals(worth)), number_cell(float(own.errors[i]), places)]
-        cells += [number_cell(float(value), 2) for value in q[i]]
-        cells += [number_cell(float(value), 1) for value in own.tool[i, :3, 3]]
+        cells += [number_cell(round(float(value), 2), 2) for value in q[i]]
+        cells += [number_cell(round(float(value), 1), 1) for value in own.tool[i, :3, 3]]
         cells += [text_cell(_KINDS[segment.kind])] + [number_cell(segment.time, 2)] * timed
         rows.append({"number": i, "cells": cells, "best": i == own.best})
     return {"head": head, "rows": rows, "of": len(planned.plan)}

@@ -10,10 +10,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from identifications import content_of, simulated
 
-from symcal.page import Identified, write_page
+from symcal.page import Gallery, Identified, Thumbnail, write_page
+from symcal.vision.images import thumbnail
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="Playwright, which steers a browser, is not installed")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -43,9 +45,16 @@ def case(configs: Path) -> Any:
 
 
 @pytest.fixture(scope="module")
-def path(case: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def content(case: Any) -> dict[str, Any]:
+    return content_of(*case)
+
+
+@pytest.fixture(scope="module")
+def path(case: Any, content: dict[str, Any], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """With an image of the first pose."""
     file = tmp_path_factory.mktemp("page") / "report.html"
-    write_page(Identified(content_of(*case), *case), file)
+    images = Gallery((Thumbnail(case[1].labels[0], "", thumbnail(np.zeros((480, 640), np.uint8))),), 1)
+    write_page(Identified(content, *case, images=images), file)
     return file
 
 
@@ -57,7 +66,7 @@ def browser() -> Iterator[Any]:
         browser.close()
 
 
-def test_a_page_is_touched(browser: Any, path: Path, case: Any) -> None:
+def test_a_page_is_touched(browser: Any, path: Path, case: Any, content: dict[str, Any]) -> None:
     context = browser.new_context(viewport={"width": 1400, "height": 1000}, offline=True)
     page, said, asked = context.new_page(), [], []
     page.on("pageerror", lambda error: said.append(str(error)))
@@ -70,6 +79,7 @@ def test_a_page_is_touched(browser: Any, path: Path, case: Any) -> None:
 
     errors, data = case[2]["test"]["after"], case[1].part("test")
     label, largest = data.labels[int(errors.pose[errors.size.argmax()])], errors.size.max()
+    assert content["accuracy"]["test"]["after"]["position_mm"]["worst"]["pose"] == label
     assert page.inner_text("#detail h3") == f"pose {label}"  # the worst one, before anything is chosen
     page.evaluate("document.getElementById('arm').scrollIntoView({behavior: 'instant'})")
     page.click("#detail .step button:last-child")
@@ -107,6 +117,9 @@ def test_a_page_is_touched(browser: Any, path: Path, case: Any) -> None:
         page.select_option("#colour", by)
     page.check("#show-area")
     page.check("#show-arms")
+    page.click("#images a")
+    assert page.inner_text("#detail h3") == f"pose {case[1].labels[0]}"
+    assert page.evaluate("document.querySelector('#detail img').naturalWidth") == 320
     assert said == []
     assert asked == [path.as_uri()]
     context.close()

@@ -55,7 +55,7 @@
     if (marks.held[i] !== null && marks.part[i] !== "test") sizes.append(row("held out", "", minus(marks.held[i])));
     const q = make("table");
     joints.forEach((joint, j) => q.append(row(joint.name, `${minus(poses.q[pose][j])} ${joint.unit}`, within(joint, poses.q[pose][j]))));
-    panel.replaceChildren(steps, make("h3", `pose ${poses.label[pose]}${marks.point[i] ? ` · ${marks.point[i]}` : ""}`), make("p", `${kind}, instrument: ${marks.instrument[i]}${i === data.worst ? `; with the largest ${marks.held[i] === null ? "" : "held-out "}error` : ""}`, { class: "small" }), sizes, q);
+    panel.replaceChildren(steps, make("h3", `pose ${poses.label[pose]}${marks.point[i] ? ` · ${marks.point[i]}` : ""}`), make("p", `${kind}, ${marks.instrument[i]}${i === data.worst ? `; with the largest ${marks.held[i] === null ? "" : "held-out "}error` : ""}`, { class: "small" }), sizes, q);
     for (const each of images.get(poses.label[pose]) ?? []) {
       const figure = make("figure");
       figure.append(make("img", undefined, { src: each.firstChild.src, alt: each.firstChild.alt }), make("figcaption", each.textContent));

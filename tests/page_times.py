@@ -1,9 +1,10 @@
-"""How soon pages are there in a browser without a network, and what they look like. Not a test: times depend on the load.
+"""How soon pages are there in a browser without a network, and what they look like; no test, as the load counts.
 
     python tests/page_times.py PAGE.html... [--out FOLDER]
 
-Prints for each page: its bytes, first paint, when the headline stood, when the arm could be turned, what it asked for, what it complained
-of, and the load of the machine; and leaves screenshots at 1400 and 400 px. Needs Playwright and a Chromium of the system.
+Prints for each page its bytes, when it was first painted, when the headline stood and the arm could be turned, what it
+asked for and complained of, and the load of the machine where it was late; leaves screenshots at 1400 and 400 px. Needs
+Playwright's client and a Chromium of the system.
 """
 
 from __future__ import annotations

@@ -16,6 +16,11 @@ QUICK = (
     "plan.compare=[]",
     "plan.promise={counts: [10], random: 5}",
 )
+ABOVE_A_TABLE = (
+    "plan.prove=false",
+    "plan.constraints={planes: [{name: table, point: [0, 0, 600], normal: [0, 0, 1], first_link: 4}]}",
+)
+"""For the handling robot."""
 
 
 @cache

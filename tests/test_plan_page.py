@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from quick_plans import quick_plan
-from test_page import NASTY, Page
+from page_reader import NASTY, Page
+from quick_plans import ABOVE_A_TABLE, quick_plan
 
 from symcal.page.around import around as what_is_around
 from symcal.page.assembled import CAP
@@ -24,15 +24,10 @@ from symcal.runs.load import load
 from symcal.runs.plan import PlanOutcome, write
 from symcal.words import number
 
-ABOVE = (
-    "plan.prove=false",
-    "plan.constraints={planes: [{name: table, point: [0, 0, 600], normal: [0, 0, 1], first_link: 4}]}",
-)
-
 
 @pytest.fixture(scope="module")
 def made(configs: Path) -> PlanOutcome:
-    return quick_plan(configs / "plan_position.yaml", *ABOVE)
+    return quick_plan(configs / "plan_position.yaml", *ABOVE_A_TABLE)
 
 
 def shown_of(made: PlanOutcome, **changes: Any) -> PlanShown:

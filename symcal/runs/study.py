@@ -34,6 +34,7 @@ from symcal.runs.judged import area_of
 from symcal.runs.load import Experiment, named_files
 
 if TYPE_CHECKING:
+    from symcal.page import Identified
     from symcal.report import Picture
 
 Progress = Callable[[str], None]
@@ -138,8 +139,9 @@ def write(outcome: StudyOutcome, folder: Path, progress: Progress = lambda _: No
     outputs = experiment.file.outputs
     if not (outputs.figures or outputs.report or outputs.page):
         return outcome
+    from symcal.page import write_study_page
     from symcal.paper.plots import study_drawings
-    from symcal.paper.report import write_paper_report
+    from symcal.paper.report import paper_text, write_paper_report
     from symcal.plots.handover import handover_drawings
     from symcal.plots.save import draw
 
@@ -150,21 +152,20 @@ def write(outcome: StudyOutcome, folder: Path, progress: Progress = lambda _: No
         write_paper_report(outcome.content, pictures, folder / "report.pdf")
     if outputs.page:
         progress("writing the page")
-        _write_page(outcome, pictures, folder / "report.html")
+        write_study_page(touched(outcome, pictures), paper_text(outcome.content), folder / "report.html")
     return outcome
 
 
-def _write_page(outcome: StudyOutcome, pictures: Sequence[Picture], path: Path) -> None:
-    """What the certified plan's measurements identified, to touch, and the study about it."""
-    from symcal.page import Identified, write_study_page
-    from symcal.paper.report import paper_text
+def touched(outcome: StudyOutcome, pictures: Sequence[Picture]) -> Identified:
+    """What the certified plan's measurements identified, for the page on which one can touch it."""
+    from symcal.page import Identified
 
-    study, content = outcome.study, outcome.content
+    study = outcome.study
     train, test = study.data["certified"], study.test
     data = replace(concatenate(train, test), labels=(*train.labels, *test.labels))
     calibration, area = study.simulation_2["certified"].calibration, area_of(outcome.experiment)
-    found = Identified(content, calibration, data, {"test": _test_errors(study)}, pictures, area=area)
-    write_study_page(found, paper_text(content), path)
+    errors = {"test": _test_errors(study)}
+    return Identified(outcome.content, calibration, data, errors, pictures, area=area)
 
 
 def _with_provenance(outcome: StudyOutcome) -> Robot:

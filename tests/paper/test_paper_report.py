@@ -13,9 +13,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from page_reader import Page
 from scipy.spatial.transform import Rotation
 
 from symcal.instruments.noise import Noise
+from symcal.page import write_study_page
+from symcal.page.assembled import CAP
 from symcal.paper import published
 from symcal.paper.plots import study_drawings
 from symcal.paper.plots.looks import PLANS
@@ -28,7 +31,7 @@ from symcal.paper.surroundings import mean_norm
 from symcal.plots.save import draw
 from symcal.report import Picture
 from symcal.runs.load import load
-from symcal.runs.study import StudyOutcome, study_experiment
+from symcal.runs.study import StudyOutcome, study_experiment, touched
 from symcal.words import number
 
 SMALL = (
@@ -103,6 +106,32 @@ def test_numbers_stand_beside_the_papers(content: dict[str, Any], text: str) -> 
     for value in content["nominal_pose"]["position_mm"]:
         assert f"{value:.3f}".replace("-", "−") in text
     assert f"determine {content['gauge']['nominal']['rank']} of 15 directions" in text
+
+
+def test_its_page_is_the_certified_plans_with_the_study_below(
+    outcome: StudyOutcome, content: dict[str, Any], pictures: tuple[Picture, ...], tmp_path: Path
+) -> None:
+    """Its first number is the held-out one, its worst pose that of the results; what is referred to is there."""
+    write_study_page(touched(outcome, pictures), paper_text(content), tmp_path / "report.html")
+    whole = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert len(whole.encode()) < CAP
+    read = Page(whole)
+    found = content["accuracy"]["test"]["after"]["position_mm"]
+    assert f"{number(found['rms'])} mm rms position error at held-out poses" in read.text
+    scene = read.scene
+    assert scene["poses"]["label"][scene["marks"]["pose"][scene["worst"]]] == found["worst"]["pose"]
+    assert scene["marks"]["held"][scene["worst"]] == pytest.approx(found["max"], rel=1e-4)
+    sizes = outcome.study.simulation_2["certified"].after_measured
+    assert found["worst"]["pose"] == f"test {sizes.argmax() + 1}"
+    for block in paper_text(content)["blocks"]:
+        if block["kind"] in ("heading", "table"):
+            assert (block.get("text") or block["title"]) in read.text
+    assert all(picture.title in read.text for picture in pictures)
+    anchors = [address[1:] for address in read.addresses if address.startswith("#")]
+    assert set(anchors) <= set(read.ids)
+    assert len(set(read.ids)) == len(read.ids)
+    assert "[@" not in read.text
+    assert all(address.startswith(("data:", "#")) for address in read.addresses)
 
 
 def test_report_needs_no_picture(content: dict[str, Any], tmp_path: Path) -> None:

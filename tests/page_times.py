@@ -3,8 +3,8 @@
     python tests/page_times.py PAGE.html... [--out FOLDER]
 
 Prints for each page its bytes, when it was first painted, when the headline stood and the arm could be turned, what it
-asked for and complained of, and the load of the machine where it was late; leaves screenshots at 1400 and 400 px. Needs
-Playwright's client and a Chromium of the system.
+asked for and complained of, the processor time of its process (without that which draws), and the load of the machine
+where it was late; leaves screenshots at 1400 and 400 px. Needs Playwright's client and a Chromium of the system.
 """
 
 from __future__ import annotations
@@ -39,6 +39,8 @@ def timed(browser: Any, path: Path, width: int, folder: Path) -> dict[str, Any]:
     context = browser.new_context(viewport={"width": width, "height": 1000}, offline=True)
     context.add_init_script(WATCH)
     page, said, asked = context.new_page(), [], []
+    session = context.new_cdp_session(page)
+    session.send("Performance.enable")
     page.on("pageerror", lambda error: said.append(f"error: {error}"))
     page.on("console", lambda message: said.append(message.text) if message.type == "error" else None)
     page.on("request", lambda request: asked.append(request.url))
@@ -46,6 +48,7 @@ def timed(browser: Any, path: Path, width: int, folder: Path) -> dict[str, Any]:
     page.wait_for_function("window.spaceAt !== undefined || !document.getElementById('nospace')?.hidden", timeout=SOON)
     painted = page.evaluate("performance.getEntriesByName('first-contentful-paint').map((e) => e.startTime)")
     times = page.evaluate("[window.headlineAt, window.spaceAt]")
+    metrics = {each["name"]: each["value"] for each in session.send("Performance.getMetrics")["metrics"]}
     page.wait_for_timeout(500)
     name = f"{path.resolve().parent.name}_{path.stem}_{width}"
     page.screenshot(path=str(folder / f"{name}.png"))
@@ -53,7 +56,13 @@ def timed(browser: Any, path: Path, width: int, folder: Path) -> dict[str, Any]:
     wide = page.evaluate("document.documentElement.scrollWidth")
     context.close()
     seconds = [None if ms is None else ms / 1000 for ms in (*painted[:1], *times)]
-    return {"times": dict(zip(LIMITS, seconds, strict=True)), "said": said, "asked": asked, "wide": wide}
+    return {
+        "times": dict(zip(LIMITS, seconds, strict=True)),
+        "said": said,
+        "asked": asked,
+        "wide": wide,
+        "cpu": metrics.get("ProcessTime", 0.0),
+    }
 
 
 def main() -> int:
@@ -79,6 +88,7 @@ def main() -> int:
                 missed = f" (late: {', '.join(late)}; load {os.getloadavg()[0]:.1f})" if late else ""
                 sys.stdout.write(
                     f"  {width} px: {words}{missed}; "
+                    f"{found['cpu']:.1f} s of CPU in the page; "
                     f"{found['wide']} px wide; {len(found['asked'])} requests, {len(found['said'])} errors\n"
                 )
                 for each in [*found["said"], *found["asked"][1:]]:

@@ -126,10 +126,8 @@ def test_it_stays_small(case: Any, content: dict[str, Any], tmp_path: Path, monk
 def test_images_have_the_room_that_is_left(case: Any, content: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     """All of them, or as many as fit evenly, and then it is said."""
     rng = np.random.default_rng(1)
-    labels = case[1].labels
-    images = tuple(
-        Thumbnail(label, "", rng.bytes(int(n))) for label, n in zip(labels, rng.integers(2e3, 2e4, 32), strict=False)
-    )
+    sizes = rng.integers(2_000, 20_000, len(case[1])).tolist()
+    images = tuple(Thumbnail(label, "", rng.bytes(n)) for label, n in zip(case[1].labels, sizes, strict=True))
     found = Identified(content, *case, images=Gallery(images, len(images)))
     whole = page(found)
     assert Page(whole).poses == [each.label for each in images]

@@ -11,7 +11,7 @@ from symcal.calibration.calibrate import Calibration
 from symcal.calibration.evaluate import expected_position_rms
 from symcal.page.arm import postures
 from symcal.page.body import COLORS, body, five_digits, joints
-from symcal.page.marks import Marks
+from symcal.page.marks import Mark, Marks
 
 Array = NDArray[np.float64]
 Area = tuple[Array, Array]
@@ -56,10 +56,17 @@ def scene(calibration: Calibration, found: Marks, area: Area | None, rng: np.ran
             "size": [five_digits(np.array(row.sizes)) for row in rows],
             "turn": [None if row.turns is None else five_digits(np.array(row.turns)) for row in rows],
             "held": [None if row.held_out is None else float(f"{row.held_out:.5g}") for row in rows],
+            "largest": [_of_its_points(row) for row in rows],
         },
         "worst": found.worst,
         "area": _map(calibration, found, area, rng),
     }
+
+
+def _of_its_points(row: Mark) -> float | None:
+    """The largest error of a row that stands for many points."""
+    size = row.sizes[1] if row.held_out is None else row.held_out
+    return float(f"{row.largest:.5g}") if row.largest is not None and row.largest > size * (1 + 1e-9) else None
 
 
 def _place(measured: dict[str, Array], nodes: Array, pose: int, instrument: str, feature: int) -> Array:

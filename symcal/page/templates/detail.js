@@ -23,6 +23,7 @@
     if (marks.names[i].length > 1) marks.names[i].forEach((name, k) => sizes.append(row(name, minus(marks.own[i][0][k]), minus(marks.own[i][1][k]))));
     if (marks.turn[i]) sizes.append(row("turned by / deg", minus(marks.turn[i][0]), minus(marks.turn[i][1])));
     if (marks.held[i] !== null && marks.part[i] !== "test") sizes.append(row("held out", "", minus(marks.held[i])));
+    if (marks.largest[i] !== null) sizes.append(row("largest", "", minus(marks.largest[i])));
     const words = `${kind}, ${marks.instrument[i]}${i === data.worst ? `; with the largest ${marks.held[i] === null ? "" : "held-out "}error` : ""}`;
     const parts = [panel.steps(i), make("h3", `pose ${poses.label[pose]}${marks.point[i] ? ` · ${marks.point[i]}` : ""}`), make("p", words, { class: "small" }), sizes, panel.readings(poses.q[pose])];
     for (const each of images.get(poses.label[pose]) ?? []) {

@@ -19,6 +19,8 @@ from symcal.planning.region import Accuracy
 
 Array = NDArray[np.float64]
 
+_LEAST = 1e-12  # of a direction, told by other poses and plausible sizes: less is rounding
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseWorth:
@@ -41,8 +43,9 @@ def pose_worth(info: PoseInformation, accuracy: Accuracy, poses: Array) -> PoseW
     told = float(np.sum(root * (accuracy.everywhere @ root)))
     g = info.function.full(poses) @ root
     # of rank m, the numbers that a pose reads: what it adds to the posterior is kept as a factor, (p, m)
-    left = np.eye(g.shape[1]) - g @ g.swapaxes(1, 2)
-    lost = root @ g.swapaxes(1, 2) @ np.linalg.cholesky(np.linalg.inv(left))
+    told_alone, axes = np.linalg.eigh(g @ g.swapaxes(1, 2))
+    left = np.maximum(1.0 - told_alone, _LEAST)
+    lost = root @ g.swapaxes(1, 2) @ (axes / np.sqrt(left)[:, None, :])
     region = np.sum(lost * (accuracy.everywhere @ lost), axis=(1, 2))
     return PoseWorth(
         mean_mm=np.sqrt(told + region),

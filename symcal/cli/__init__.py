@@ -48,12 +48,12 @@ for command in (
     app.command(command.__name__.rstrip("_"))(WithJson(command))
 
 # New objects before garbage is looked for: loading makes many that stay, and looking through them is slow.
-_OBJECTS = 400_000
+OBJECTS = 400_000
 
 
 def main() -> None:
     """Entry point: an input error is one message and exit code 1; a traceback is a bug of ours."""
-    gc.set_threshold(_OBJECTS, 50, 100)
+    gc.set_threshold(OBJECTS, 50, 100)
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "true")  # it would look through all installed packages for them
     signal.signal(signal.SIGTERM, _stop)
     hangup = getattr(signal, "SIGHUP", None)

@@ -63,7 +63,7 @@ def compensate(
 
 def export(
     calibrated: Calibrated,
-    to: Annotated[str, typer.Option("--to", metavar="c|urdf|json", help="what to write")],
+    to: Annotated[str, typer.Option("--to", metavar="c|urdf|xacro|ur|offsets|json", help="what to write")],
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="folder to write into")] = Path(),
     force: Annotated[bool, typer.Option("--force", help="export what was refused; reasons are still printed")] = False,
     approximate: Annotated[
@@ -72,7 +72,10 @@ def export(
     ] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Hand a calibrated robot over: C code for the controller, URDF, or JSON with the table of corrections."""
+    """Hand a calibrated robot over: C code for the controller, URDF, xacro, the six frames of a Universal Robots arm,
+    zero offsets of the joints alone, or JSON with the table of corrections."""
+    from dataclasses import asdict
+
     from rich.console import Console
     from rich.markup import escape
 
@@ -92,10 +95,14 @@ def export(
         notes.append(found.left_out.text)
     if robot.record is None:
         notes.append("this robot has no 'calibration': what is written is nominal")
-    reply(lambda: {"notes": notes}, *found.written)
+    notes += found.notes
+    proof = found.proof
+    reply(lambda: {"notes": notes, "proof": None if proof is None else asdict(proof)}, *found.written)
     for note in notes:
         Console(stderr=True, soft_wrap=True).print(note, markup=False, highlight=False)
     if not quiet:
+        if proof is not None:
+            terminal.output().print(escape(proof.text))
         for path in found.written:
             terminal.output().print(f"written to {escape(str(path))}")
 

@@ -252,5 +252,5 @@ def test_the_command(ur: Robot, tmp_path: Path) -> None:
     assert (tmp_path / "work_corrected.script").read_text(encoding="utf-8") != UR
     assert (tmp_path / "work.script").read_text(encoding="utf-8") == UR
     both = subprocess.run([*command, "--targets", "t.csv"], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert both.returncode == 1
+    assert both.returncode == 2
     assert "either a table of targets or a program" in both.stderr

@@ -48,7 +48,7 @@ def compensate(
     if frame not in (None, "base", "world"):
         raise InputError("no such frame", key="--frame", found=frame, allowed=("base", "world"))
     if (targets is None) == (program is None):
-        raise InputError("give either a table of targets or a program", key="--targets, --program")
+        raise typer.BadParameter("give either a table of targets or a program", param_hint="--targets, --program")
     if targets is None:
         assert program is not None
         _compensate_program(calibrated, program, out, frame, seed, quiet)

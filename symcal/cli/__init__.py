@@ -17,7 +17,7 @@ from symcal.cli.doctor import doctor
 from symcal.cli.identify import check, identify, run, validate
 from symcal.cli.images import board, camera, measure
 from symcal.cli.init import init
-from symcal.cli.plan import plan
+from symcal.cli.plan import plan, program
 from symcal.cli.reply import WithJson, answer, json_asked
 from symcal.cli.stdout import named_stdout, silence
 from symcal.cli.study import study
@@ -31,6 +31,7 @@ for command in (
     run,
     study,
     plan,
+    program,
     board,
     camera,
     measure,

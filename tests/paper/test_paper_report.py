@@ -17,7 +17,6 @@ from page_reader import Page
 from scipy.spatial.transform import Rotation
 
 from symcal.instruments.noise import Noise
-from symcal.page import write_study_page
 from symcal.page.assembled import CAP
 from symcal.paper import published
 from symcal.paper.plots.looks import PLANS
@@ -29,7 +28,7 @@ from symcal.paper.results import Study
 from symcal.paper.surroundings import mean_norm
 from symcal.report import Picture
 from symcal.runs.load import load
-from symcal.runs.study import StudyOutcome, study_experiment, touched, write
+from symcal.runs.study import StudyOutcome, study_experiment, write
 from symcal.words import number
 
 SMALL = (
@@ -121,11 +120,11 @@ def test_numbers_stand_beside_the_papers(content: dict[str, Any], text: str) -> 
 
 
 def test_its_page_is_the_certified_plans_with_the_study_below(
-    outcome: StudyOutcome, content: dict[str, Any], pictures: tuple[Picture, ...], tmp_path: Path
+    outcome: StudyOutcome, content: dict[str, Any], written: tuple[Path, tuple[Picture, ...]]
 ) -> None:
     """Its first number is the held-out one, its worst pose that of the results; what is referred to is there."""
-    write_study_page(touched(outcome, pictures), paper_text(content), tmp_path / "report.html")
-    whole = (tmp_path / "report.html").read_text(encoding="utf-8")
+    folder, pictures = written
+    whole = (folder / "report.html").read_text(encoding="utf-8")
     assert len(whole.encode()) < CAP
     read = Page(whole)
     found = content["accuracy"]["test"]["after"]["position_mm"]

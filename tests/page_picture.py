@@ -1,7 +1,7 @@
 """The README's picture of a report to touch, from its top to below the arm: with Playwright and the system's Chromium.
 
-    symcal run configs/real/franka_fr3.yaml
-    python tests/page_picture.py reports/franka_fr3/report.html reports/report.png
+symcal run configs/real/franka_fr3.yaml
+python tests/page_picture.py reports/franka_fr3/report.html reports/report.png
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ def main(page: Path, picture: Path) -> None:
         tab.wait_for_function("document.documentElement.dataset.space === 'ready'", timeout=SOON)
         tab.wait_for_timeout(2000)  # the picture in space is drawn once more
         below = tab.evaluate("document.getElementById('arm').getBoundingClientRect().bottom + window.scrollY")
-        tab.screenshot(path=picture, full_page=True, clip={"x": 0, "y": 0, "width": SIZE["width"], "height": below + 24})
+        whole = {"x": 0, "y": 0, "width": SIZE["width"], "height": below + 24}
+        tab.screenshot(path=picture, full_page=True, clip=whole)
         browser.close()
 
 

@@ -10,11 +10,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import typer.main
 import yaml
 from sybil import Example, Sybil
 from sybil.evaluators.python import PythonEvaluator
 from sybil.parsers.myst import CodeBlockParser
 
+from symcal import cli
 from symcal.camera.files import CameraFile
 from symcal.config.experiment import experiment_type
 from symcal.instruments import KINDS
@@ -108,6 +110,12 @@ def test_what_takes_its_time_runs_too(page, path: Path) -> None:
 
 def test_every_kind_of_instrument_has_its_page() -> None:
     assert {path.stem for path in (DOCS / "instruments").glob("*.md")} == {*KINDS, "index"}
+
+
+def test_every_command_has_its_place_on_the_page_of_commands() -> None:
+    text = (DOCS / "commands.md").read_text(encoding="utf-8")
+    names = typer.main.get_command(cli.app).commands
+    assert not [name for name in names if f"`symcal {name}" not in text]
 
 
 def test_pages_name_modules_that_are_there() -> None:

@@ -4,6 +4,7 @@ A block with a caption is a file of that name. A command is run as a user would;
 take their time (`pytest -m long`), and so do all blocks after it on that page.
 """
 
+import json
 import re
 import shlex
 from collections.abc import Callable
@@ -22,12 +23,14 @@ from symcal.config.experiment import experiment_type
 from symcal.instruments import KINDS
 from symcal.robot.schema import RobotFile
 from symcal.runs.load import load
+from symcal.words import number
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 README = ROOT / "README.md"
 PAGES = [README, *(path for path in sorted(DOCS.rglob("*.md")) if "_made" not in path.parts)]
 SLOW = "\n% long\n"
+QUOTED = {"start.md": ("ur5e/practice", "eye/practice", "scara/practice")}  # runs whose errors stand on the page
 FILES = (experiment_type(), RobotFile, CameraFile)
 KEYS = {field.alias or name for file in FILES for name, field in file.model_fields.items()}
 
@@ -106,6 +109,12 @@ def test_the_twenty_lines_say_what_they_found(page, capsys) -> None:
 @pytest.mark.parametrize("path", [each for each in PAGES if SLOW in each.read_text(encoding="utf-8")], ids=_name)
 def test_what_takes_its_time_runs_too(page, path: Path) -> None:
     page(path).run(to_the_end=True)
+    text = path.read_text(encoding="utf-8")
+    for folder in QUOTED.get(path.name, ()):
+        truth = json.loads(Path(folder, "results.json").read_text(encoding="utf-8"))["accuracy"]["truth"]
+        for state in ("before", "after"):
+            (size,) = (found["rms"] for quantity, found in truth[state].items() if quantity.endswith("_mm"))
+            assert f"{number(size)} mm" in text, f"{folder}: {state} it is {number(size)} mm rms"
 
 
 def test_every_kind_of_instrument_has_its_page() -> None:

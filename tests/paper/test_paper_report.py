@@ -17,7 +17,6 @@ from scipy.spatial.transform import Rotation
 
 from symcal.instruments.noise import Noise
 from symcal.paper import published
-from symcal.paper.plots import study_drawings
 from symcal.paper.plots.looks import PLANS
 from symcal.paper.printed import printed_tables
 from symcal.paper.report import paper_text, write_paper_report
@@ -25,10 +24,9 @@ from symcal.paper.report.blocks import at_least, percent
 from symcal.paper.report.verdict import study_verdict
 from symcal.paper.results import Study
 from symcal.paper.surroundings import mean_norm
-from symcal.plots.save import draw
 from symcal.report import Picture
 from symcal.runs.load import load
-from symcal.runs.study import StudyOutcome, study_experiment
+from symcal.runs.study import StudyOutcome, study_experiment, write
 from symcal.words import number
 
 SMALL = (
@@ -40,6 +38,7 @@ SMALL = (
     "study.repetitions=40",
     "study.unregularised=10",
     "study.simulation_1.draws=4",
+    "outputs.c=false",
 )
 FIGURES = {3: "vision", 5: "trajectory", 6: "joint_motion", 7: "convergence", 8: "test_data", 9: "test_errors"}
 
@@ -60,15 +59,28 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def pictures(study: Study, tmp_path_factory: pytest.TempPathFactory) -> tuple[Picture, ...]:
-    return draw(study_drawings(study), tmp_path_factory.mktemp("paper") / "figures")
+def written(outcome: StudyOutcome, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tuple[Picture, ...]]:
+    """The folder of the study, and the pictures that its report was given."""
+    folder, given = tmp_path_factory.mktemp("paper"), []
+
+    def recorded(content: dict[str, Any], pictures: tuple[Picture, ...], file: Path) -> None:
+        given.extend(pictures)
+        write_paper_report(content, pictures, file)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("symcal.paper.report.write_paper_report", recorded)
+        write(outcome, folder)
+    return folder, tuple(given)
 
 
 @pytest.fixture(scope="module")
-def text(content: dict[str, Any], pictures: tuple[Picture, ...], tmp_path_factory: pytest.TempPathFactory) -> str:
-    path = tmp_path_factory.mktemp("paper") / "report.pdf"
-    write_paper_report(content, pictures, path)
-    return _text(path)
+def pictures(written: tuple[Path, tuple[Picture, ...]]) -> tuple[Picture, ...]:
+    return written[1]
+
+
+@pytest.fixture(scope="module")
+def text(written: tuple[Path, tuple[Picture, ...]]) -> str:
+    return _text(written[0] / "report.pdf")
 
 
 def _text(path: Path) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.data.picture import data_sketch
 from symcal.errors import InputError
 from symcal.instruments import Instrument, kind_named
 from symcal.notebook import html_table
@@ -102,7 +103,7 @@ class Dataset:
         return len(self.q)
 
     def _repr_html_(self) -> str:
-        """What was read how often, in which units."""
+        """What was read how often, in which units, and where."""
         rows, at = [], 0
         for each in self.of:
             read = int(np.isfinite(self.z[:, at : at + each.width]).any(axis=1).sum())
@@ -111,7 +112,8 @@ class Dataset:
             at += each.width
         splits = ", ".join(f"{self.split.count(name)} {name}" for name in dict.fromkeys(self.split))
         title = f"{plural(len(self), 'pose')}" + (f" ({splits})" if splits else "")
-        return html_table(title, ["observation", "reads", "columns", "poses"], rows, self.notes)
+        drawing = data_sketch(self.of, self.z, self.split)
+        return html_table(title, ["observation", "reads", "columns", "poses"], rows, self.notes, drawing)
 
     @property
     def only(self) -> Readings:

@@ -3,8 +3,9 @@
 There is alarm where a directed test (`symcal.watch.directed`) or the sum of squares is above its limit, alpha shared by
 all of them. What changed is then told by fitting each hypothesis and asking what any other one would still add to it:
 those to which none adds more than chance explain the readings by themselves, and are named together, the one with the
-fewest numbers and the larger statistic first. A true single change is left out of its group once in a hundred times. A
-reading that stands out from every explanation is left out, and named.
+fewest numbers and the larger statistic first. A true single change is left out of its group once in a hundred times.
+The readings of a pose that stand out from every explanation are left out, and named; also where a slip of theirs
+explains all readings better than any change does.
 """
 
 from __future__ import annotations

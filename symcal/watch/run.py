@@ -130,7 +130,7 @@ def watch(
     if out is not None:
         require_replaceable(out, (calibrated, data, *([] if history is None else [history])))
     if history is not None:
-        require_place(history, (calibrated, data))
+        _check_history(history, (calibrated, data))
     robot, reference, own = _reference(calibrated, instrument, moved=moved)
     progress("reading the measurements")
     new, _ = new_measurements(robot, data, own, ())
@@ -178,6 +178,13 @@ def _check_alpha(alpha: float) -> None:
     if not 1e-6 <= alpha <= 0.5:
         message = "a rate of false alarms is between 0.000001 and 0.5"
         raise InputError(message, key="--alpha", found=alpha)
+
+
+def _check_history(history: Path, inputs: Sequence[Path]) -> None:
+    try:
+        require_place(history, inputs)
+    except InputError as error:
+        raise InputError(error.message, file=error.file, key="--history", found=error.found) from None
 
 
 def _date(given: str | None, data: Path) -> str:

@@ -1,9 +1,9 @@
 """Checks of simulated robots in service: how often `symcal watch` raises a false alarm, and what it finds and names.
 
-    python tests/watch_draws.py [runs] [mm off the last axis]      long form of test_watch.py: 500 runs, 60 mm
+    python tests/watch_draws.py [runs] [mm off the last axis] [poses]      long form of test_watch.py: 500, 60 mm, 10
 
 Every run draws a UR5e with its own errors (1 mm, 0.3 deg) and tracker (0.05 mm, base and point unknown: the first files
-of `symcal init --arm ur5e --instrument tracker`), calibrates it by 40 random poses, plans ten poses for a check by that
+of `symcal init --arm ur5e --instrument tracker`), calibrates it by 40 random poses, plans the poses of a check by that
 calibration, and measures them with something changed. Everything is done as the commands do it, from the calibrated
 robot alone; the truth is known to the simulation only.
 """
@@ -157,10 +157,12 @@ def unit(rng: np.random.Generator) -> np.ndarray:
     return np.asarray(direction / np.linalg.norm(direction))
 
 
-def checks(cell: Cell, runs: range, cases: dict[str, tuple[bool, dict[str, float]]]) -> Iterator[tuple[str, Check]]:
+def checks(
+    cell: Cell, runs: range, cases: dict[str, tuple[bool, dict[str, float]]], poses: int = POSES
+) -> Iterator[tuple[str, Check]]:
     """Every case once for every run; by name, with the rate of false alarms where it is not 1 %."""
     for seed in runs:
-        service = in_service(cell, seed)
+        service = in_service(cell, seed, poses)
         for k, (name, (moved, changed)) in enumerate(cases.items()):
             data = today(service, moved, changed, np.random.default_rng([seed, 19, k]))
             yield name, checked(service, data, moved=moved)
@@ -171,9 +173,9 @@ def checks(cell: Cell, runs: range, cases: dict[str, tuple[bool, dict[str, float
                 )
 
 
-def main(runs: int, off_axis: float) -> None:
+def main(runs: int, off_axis: float, poses: int) -> None:
     found: dict[str, list[Check]] = defaultdict(list)
-    for name, each in checks(cell(off_axis), range(runs), CASES):
+    for name, each in checks(cell(off_axis), range(runs), CASES, poses):
         found[name].append(each)
     print(
         f"{runs} runs, alpha {ALPHA}, point {off_axis:g} mm off the last axis; share of runs with an alarm, and names"
@@ -202,4 +204,5 @@ def shares(counts: Counter[str], runs: int) -> str:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 500, float(sys.argv[2]) if len(sys.argv) > 2 else 60.0)
+    runs, off_axis, poses = [*map(float, sys.argv[1:]), *(500, 60.0, POSES)[len(sys.argv) - 1 :]]
+    main(int(runs), off_axis, int(poses))

@@ -24,7 +24,9 @@ from symcal.config.measurements import SplitConfig
 from symcal.config.observations import board_of as board_of
 from symcal.config.observations import observed
 from symcal.config.sources import existing as existing
+from symcal.config.sources import files_of as files_of
 from symcal.config.sources import layout_of as layout_of
+from symcal.config.sources import like
 from symcal.config.sources import reads_files as reads_files
 from symcal.config.sources import sources as sources
 from symcal.data.measurement_file import Split
@@ -120,7 +122,7 @@ def named_paths(file: ExperimentFile, document: Document) -> tuple[Path, ...]:
 
     def note(path: str, key: Key) -> str:
         with contextlib.suppress(InputError):
-            found.append(document.resolve(path, key))
+            found.extend(like(document.resolve(path, key)))
         return path
 
     for path in _PATHS:

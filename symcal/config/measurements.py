@@ -66,19 +66,27 @@ class SplitConfig(Strict):
 
 
 class FileData(Strict):
-    """Measurements from a CSV file.
+    """Measurements from a CSV, Excel or ODS file, or from several.
 
-    columns: canonical name -> name in the file, or a list of names whose cells make one (`front/0`). where: cells of
-    the rows that count, by column.
+    file: its name, a pattern (`day*.csv`), or a list of both. sheet: of an Excel or ODS file, where more than one is
+    not empty. columns: canonical name -> name in the file, or a list of names whose cells make one (`front/0`). where:
+    cells of the rows that count, by column. session: `file` makes every file a session. delimiter, decimal: of CSV
+    files; found out where they are not said.
     """
 
     source: Literal["file"]
-    file: str
+    file: str | Annotated[list[str], Field(min_length=1)]
+    sheet: str | None = None
     columns: dict[str, str | list[str]] = {}
     where: dict[str, str | int] = {}
     split: SplitConfig = SplitConfig.model_construct()
     delimiter: Literal[",", ";", "\t"] | None = None
-    decimal: Literal[".", ","] = "."
+    decimal: Literal[".", ","] | None = None
+    session: Literal["file"] | None = None
+
+    @property
+    def listed(self) -> list[str]:
+        return [self.file] if isinstance(self.file, str) else self.file
 
 
 class ImagesData(Strict):

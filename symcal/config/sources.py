@@ -40,7 +40,42 @@ def reads_files(file: ExperimentFile) -> bool:
 def layout_of(config: FileData) -> Layout:
     """How the file of measurements is to be read."""
     where = {column: str(value) for column, value in config.where.items()}
-    return Layout(config.columns, where, config.delimiter, config.decimal)
+    return Layout(config.columns, where, config.delimiter, config.decimal, config.sheet, config.session == "file")
+
+
+_PATTERN = "*?["
+
+
+def like(path: Path) -> tuple[Path, ...]:
+    """The files that a pattern names, by name; the path itself where it is none."""
+    try:
+        if not any(sign in path.name for sign in _PATTERN) or path.exists():
+            return (path,)
+        return tuple(sorted(each for each in path.parent.glob(path.name) if each.is_file()))
+    except (OSError, ValueError):
+        return (path,)
+
+
+def files_of(config: FileData, document: Document, key: Key) -> tuple[Path, ...]:
+    """The files of measurements of an entry, those of a pattern by name; key: of the entry's data.
+
+    Raises:
+        InputError: one is not there, nothing is like a pattern, or a file stands twice.
+    """
+    found: list[Path] = []
+    for path in config.listed:
+        where: Key = (*key, "file")
+        resolved = document.resolve(path, where)
+        own = like(resolved)
+        if not own:
+            raise document.error("no file of measurements is like this pattern", where, found=resolved)
+        if own == (resolved,):
+            own = (existing(document, path, where, "file of measurements"),)
+        for each in own:
+            if each in found:
+                raise document.error("this file stands here twice", where, found=each.name)
+            found.append(each)
+    return tuple(found)
 
 
 def sessions_of(name: str, entry: ObservationConfig, document: Document) -> tuple[str, ...]:
@@ -52,7 +87,7 @@ def sessions_of(name: str, entry: ObservationConfig, document: Document) -> tupl
     if not isinstance(entry.data, FileData):
         message = "'per: session' takes the sessions from a file of measurements: measure the images first"
         raise document.error(message, key, found=entry.data.source)
-    table = layout_of(entry.data).table(existing(document, entry.data.file, (*key, "file"), "file of measurements"))
+    table = layout_of(entry.data).table(files_of(entry.data, document, key))
     if "session" not in table.columns:
         message = "'per: session' needs a column 'session' in the data, or 'columns: {session: ...}'"
         raise document.error(message, (*key, "columns"), allowed=table.columns)

@@ -1,4 +1,4 @@
-"""CSV files of measurements, read.
+"""Tables of measurements, read: of CSV files, sheets, and what else `symcal.readers` makes a table of.
 
 One row per observation: `pose,q1_deg,...,point,x_mm,y_mm,z_mm` (position; or wide, `P1_x_mm,...`),
 `x_m,y_m,z_m,qx,qy,qz,qw` or `roll_deg,pitch_deg,yaw_deg` (pose), `pose,q1_deg,...,point,u_px,v_px` (pixels),
@@ -37,7 +37,7 @@ _FRAME_ANGLES = ("roll", "pitch", "yaw")
 
 
 def load_measurements(
-    path: Path | str,
+    path: Path | str | Sequence[Path],
     robot: Robot,
     kind: str | Instrument,
     *,
@@ -45,20 +45,17 @@ def load_measurements(
     columns: Mapping[str, str | Sequence[str]] | None = None,
     split: Split | None = None,
     delimiter: str | None = None,
-    decimal: str = ".",
+    decimal: str | None = None,
     where: Mapping[str, str] | None = None,
-    session: str | None = None,
-    alone: bool = True,
+    sheet: str | None = None,
     name: str = "",
 ) -> Dataset:
-    """Read a CSV file of measurements by one instrument.
+    """Read measurements by one instrument from a CSV, Excel or ODS file, or from several.
 
     Args:
         kind: the instrument, or the name of its kind. point_names: the points or axes expected; those of the file when
-            empty. columns, where, delimiter, decimal: see `Layout`. split: as the config says; a column called `split`
-            is used when there is one. alone: whether nothing else was measured, so that some of it must train.
-            session: only rows of this one, and poses are then called without it. name: of the observation; that of the
-            kind when empty.
+            empty. columns, where, delimiter, decimal, sheet: see `Layout`. split: as the config says; a column called
+            `split` is used when there is one. name: of the observation; that of the kind when empty.
     Raises:
         InputError: with line and column for everything that cannot be read; nothing is dropped silently.
 
@@ -73,9 +70,32 @@ def load_measurements(
         >>> len(sc.load_measurements("measurements.csv", robot, "position"))
         40
     """
-    layout = Layout(columns or {}, where or {}, delimiter, decimal)
-    whole = layout.table(path) if session is None else layout.table(path).where({"session": session})
-    table = whole if session is None else whole.without("session")
+    layout = Layout(columns or {}, where or {}, delimiter, decimal, sheet)
+    return measurements_in(layout.table(path), robot, kind, layout, point_names=point_names, split=split, name=name)
+
+
+def measurements_in(
+    whole: Table,
+    robot: Robot,
+    kind: str | Instrument,
+    layout: Layout,
+    *,
+    point_names: Sequence[str] = (),
+    split: Split | None = None,
+    session: str | None = None,
+    alone: bool = True,
+    name: str = "",
+) -> Dataset:
+    """The measurements in a table by one instrument.
+
+    Args:
+        layout: how the table was read. session: only rows of this one, and poses are then called without it. alone:
+            whether nothing else was measured, so that some of it must train. Others: as `load_measurements`.
+    Raises:
+        InputError: as `load_measurements`.
+    """
+    whole = whole if session is None else whole.where({"session": session})
+    table = whole if session is None else _of_session(whole, session)
     split, expected = split or Split(), tuple(point_names)
     reads = kind_named(kind)() if isinstance(kind, str) else kind
     measured = _measured_stems(table, reads, expected)
@@ -83,7 +103,7 @@ def load_measurements(
     for canonical in layout.columns:
         if split_unit(canonical)[0] not in known:
             message = "'columns' gives a column a name that means nothing here"
-            raise InputError(message, file=path, key="columns", found=canonical, allowed=sorted(known))
+            raise InputError(message, file=table.path, key="columns", found=canonical, allowed=sorted(known))
     q = joint_readings(table, [(joint.name, joint.revolute) for joint in robot.joints], measured)
     conditions = read_conditions(table, robot)
     poses: Sequence[object] = range(len(table))
@@ -95,11 +115,13 @@ def load_measurements(
         data = replace(data, conditions=of_postures(table, conditions, robot, data.labels, place, firsts))
     else:
         data = replace(_read_wide(table, q, reads, expected), conditions=conditions)
-    data = replace(data, split=splits(whole, poses, split, alone=session is None and alone), provenance=str(path))
+    data = replace(
+        data, split=splits(whole, poses, split, alone=session is None and alone), provenance=_provenance(table)
+    )
     data = replace(data, of=(replace(data.only, name=name or reads.name),))
     if reads.constrains and "pose" not in table.columns:  # a posture touches one thing, and none here is called by name
         data = replace(data, labels=tuple(f"{data.only.name} {label}" for label in data.labels))
-    passed = {*known, *(layout.where or {}), *(c for n in layout.columns.values() if not isinstance(n, str) for c in n)}
+    passed = {*known, *layout.where, *(c for n in layout.columns.values() if not isinstance(n, str) for c in n)}
     more = refuse_more_joints(table, passed, robot)
     return replace(data, notes=(*notes(data, robot), *more, *unread(table, passed, expected)))
 
@@ -131,7 +153,8 @@ def _known_stems(table: Table, robot: Robot, split: Split, kind: Instrument) -> 
 
 
 def _pose_keys(table: Table, postures: Array) -> list[object]:
-    """What tells the posture of each row: its name within its session, or its joint readings with its conditions."""
+    """What tells the posture of each row: its name within its session and file, or its joint readings with its
+    conditions."""
     if "pose" in table.columns:
         names = table.text("pose")
         return [(s, n) if s else n for s, n in zip(_sessions(table), names, strict=True)]
@@ -141,14 +164,37 @@ def _pose_keys(table: Table, postures: Array) -> list[object]:
 
 
 def _sessions(table: Table) -> list[str]:
-    return table.text("session") if "session" in table.columns else [""] * len(table)
+    """The session of every row; of several files after the file, where that is not the session."""
+    own = table.text("session") if "session" in table.columns else [""] * len(table)
+    if table.of is None:
+        return own
+    files = [table.origins[i].name for i in table.of]
+    return ["/".join(dict.fromkeys(filter(None, parts))) for parts in zip(files, own, strict=True)]
+
+
+def _of_session(table: Table, session: str) -> Table:
+    """The rows of a session without its name; nor does that of a file that is the session stand in labels."""
+    origins = tuple(replace(each, name="") if each.name == session else each for each in table.origins)
+    return replace(table.without("session"), origins=origins)
+
+
+def _provenance(table: Table) -> str:
+    return ", ".join(str(origin.path) for origin in table.origins) if table.of is not None else str(table.path)
 
 
 def _labels(table: Table, rows: NDArray[np.intp]) -> tuple[str, ...]:
     if "pose" in table.columns:
         names, sessions = table.text("pose"), _sessions(table)
         return tuple(f"{sessions[i]}/{names[i]}" if sessions[i] else names[i] for i in rows)
-    return tuple(str(i) for i in range(len(rows)))
+    if table.of is None:
+        return tuple(str(i) for i in range(len(rows)))
+    count = dict.fromkeys(range(len(table.origins)), -1)
+    found = []
+    for row in rows:
+        file = table.of[row]
+        count[file] += 1
+        found.append("/".join(filter(None, (table.origins[file].name, str(count[file])))))
+    return tuple(found)
 
 
 def _values(table: Table, kind: Instrument) -> Array:
@@ -165,18 +211,13 @@ def _values(table: Table, kind: Instrument) -> Array:
         ]
     )
     for row in np.flatnonzero(np.isnan(values).all(axis=1)):
-        raise InputError("nothing was measured in this row: remove it", file=table.path, line=table.lines[row])
+        raise table.error("nothing was measured in this row: remove it", row=row)
     return values
 
 
 def _plain(table: Table, name: str, kind: Instrument) -> str:
     if name not in table.columns:
-        raise InputError(
-            f"there is no column '{name}' of the measured {kind.label}",
-            file=table.path,
-            line=table.head_line,
-            found=", ".join(table.columns),
-        )
+        raise table.error(f"there is no column '{name}' of the measured {kind.label}", found=", ".join(table.columns))
     return name
 
 
@@ -190,7 +231,7 @@ def _read_long(
         names = names or ("P",)
         if len(names) != 1:
             message = f"the measurement has {len(names)} points, but the file has no 'point' column"
-            raise InputError(message, file=table.path, line=table.head_line, allowed=names)
+            raise table.error(message, allowed=names)
         points = [names[0]] * len(table)
     names = names or tuple(dict.fromkeys(points))
     place = {key: i for i, key in enumerate(dict.fromkeys(keys))}
@@ -201,14 +242,14 @@ def _read_long(
     noise = _sigmas(table, kind)
     if len(place) * len(names) * max(size, width) > _MOST:
         message = f"{len(place)} poses of {len(names)} points: are 'pose' and 'point' what tells them apart?"
-        raise InputError(message, file=table.path, line=table.head_line)
+        raise table.error(message)
     which = _of_points(table, points, names)
     more = np.flatnonzero(firsts[of_row] != np.arange(len(table)))
     moved = np.abs(q[more] - q[firsts[of_row[more]]]).max(axis=1, initial=0.0) > 1e-9
     for row in more[moved]:
         i = of_row[row]
-        message = f"pose {labels[i]!r} has other joint readings here than in line {table.lines[firsts[i]]}"
-        raise InputError(message, file=table.path, line=table.lines[row], column="pose")
+        message = f"pose {labels[i]!r} has other joint readings here than in {table.said(firsts[i])}"
+        raise table.error(message, row=row, column="pose")
     repeated = np.ones(len(table), dtype=np.bool_)
     repeated[np.unique(of_row * len(names) + which, return_index=True)[1]] = False
     for row in np.flatnonzero(repeated) if size else ():
@@ -216,7 +257,7 @@ def _read_long(
             f"point '{points[row]}' of pose '{labels[of_row[row]]}' stands twice; "
             "give repeated measurements a pose of their own"
         )
-        raise InputError(message, file=table.path, line=table.lines[row], column="pose")
+        raise table.error(message, row=row, column="pose")
     z = np.full((len(place), len(names) * size), np.nan)
     sigma = np.full((len(place), len(names) * width), np.nan)
     z.reshape(len(place), len(names), size)[of_row, which] = values
@@ -231,13 +272,8 @@ def _of_points(table: Table, points: Sequence[str], names: Sequence[str]) -> NDA
     number = {name: k for k, name in enumerate(names)}
     for row, point in enumerate(points):
         if point not in number:
-            raise InputError(
-                "no such point among those of the measurement",
-                file=table.path,
-                line=table.lines[row],
-                column="point",
-                found=point,
-                allowed=names,
+            raise table.error(
+                "no such point among those of the measurement", row=row, column="point", found=point, allowed=names
             )
     return np.array([number[point] for point in points], dtype=np.intp)
 
@@ -247,19 +283,13 @@ def _read_wide(table: Table, q: Array, kind: Instrument, expected: tuple[str, ..
     names = expected or found
     for name in names:
         if name not in found:
-            raise InputError(
-                "the file has no columns for this point of the measurement",
-                file=table.path,
-                line=table.head_line,
-                found=name,
-                allowed=found,
-            )
+            raise table.error("the file has no columns for this point of the measurement", found=name, allowed=found)
     z = np.column_stack(
         [table.quantity(f"{n}_{c}", LENGTH, f"{c} of point '{n}'", empty=True) for n in names for c in "xyz"]
     )
     for row in range(len(z)):
         if np.isnan(z[row]).all():
-            raise InputError("no point was measured in this row: remove it", file=table.path, line=table.lines[row])
+            raise table.error("no point was measured in this row: remove it", row=row)
     sigma = _sigma(table, list(kind.quantities) * len(names), LENGTH)
     return Dataset((Readings(kind, "", names),), q, z, _labels(table, np.arange(len(z))), (), sigma)
 
@@ -270,19 +300,11 @@ def _read_pose(table: Table, q: Array, kind: Instrument) -> Dataset:
     if "qw" in stems or "qx" in stems:
         for c in ("qx", "qy", "qz", "qw"):
             if c not in table.columns:
-                raise InputError(
-                    "a quaternion column is missing",
-                    file=table.path,
-                    line=table.head_line,
-                    column=c,
-                    allowed=table.columns,
-                )
+                raise table.error("a quaternion column is missing", column=c, allowed=table.columns)
         quaternion = np.column_stack([table.numbers(c) for c in ("qx", "qy", "qz", "qw")])
         for row in np.flatnonzero(np.abs(np.linalg.norm(quaternion, axis=1) - 1) > 1e-3):
             norm = float(np.linalg.norm(quaternion[row]))
-            raise InputError(
-                "the quaternion is not of unit length", file=table.path, line=table.lines[row], found=f"{norm:.6g}"
-            )
+            raise table.error("the quaternion is not of unit length", row=row, found=f"{norm:.6g}")
     else:
         angles = [table.quantity(c, ANGLE, f"the measured {c} (or qx, qy, qz, qw)") for c in _FRAME_ANGLES]
         quaternion = spatial.matrix_quaternions(spatial.rpy_matrix(np.column_stack(angles)))
@@ -311,5 +333,5 @@ def _sigma(table: Table, quantities: list[Quantity], units: Mapping[str, float])
     out = [table.quantity(stem, units, f"the measurement's {stem}") for stem in wanted]
     values = np.column_stack(out)
     for row in np.flatnonzero((values <= 0).any(axis=1)):
-        raise InputError("a sigma must be positive", file=table.path, line=table.lines[row], found=values[row].min())
+        raise table.error("a sigma must be positive", row=row, found=values[row].min())
     return values

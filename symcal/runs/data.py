@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, FileData, ImagesData, RenderedData, SimulatedData
 from symcal.data.dataset import Dataset, merged, with_random_test
-from symcal.data.measurement_file import load_measurements
+from symcal.data.measurement_file import measurements_in
 from symcal.documents.document import Document, Key
 from symcal.errors import InputError, RefusedError
 from symcal.model.model import Model
@@ -83,7 +83,7 @@ def measurements(
             raise InputError(message, key="--data", found=data)
         (layout,) = given.values()
         layout = layout if isinstance(layout, FileData) else FileData(source="file", file=str(data))
-        read = [_read(o, layout, data, model) for o in model.task.observations]
+        read = [_read(o, layout, (data,), model) for o in model.task.observations]
         return MeasuredData(_drawn(merged(read, [o.session for o in model.task.observations]), layout, rng), (data,))
     sets: list[Dataset] = []
     paths: list[Path] = []
@@ -110,15 +110,15 @@ def measurements(
             paths.append(joints)
             continue
         where: Key = (*here, "file")
-        path = config.existing(document, own.file, where, "file of measurements")
+        files = config.files_of(own, document, here)
         chosen = (tuple(sorted(own.where.items())), tuple(sorted((k, str(v)) for k, v in own.columns.items())))
-        rows = (path, o.instrument.name, chosen, o.features, o.session)
+        rows = (files, o.instrument.name, chosen, o.features, o.session)
         if rows in seen:
             message = f"'{o.name}' reads the same rows as '{seen[rows]}', and each would count twice: see 'where'"
-            raise document.error(message, where, found=own.file)
+            raise document.error(message, where, found=", ".join(own.listed))
         seen[rows] = o.name
-        sets.append(_read(o, own, path, model))
-        paths.append(path)
+        sets.append(_read(o, own, files, model))
+        paths += files
     sessions = [o.session for o in model.task.observations]
     layouts = {name: layout for name, layout in given.items() if layout is not None}
     shares = {layout.split.test_fraction for layout in layouts.values()}
@@ -148,7 +148,7 @@ def describe_data(experiment: Experiment) -> tuple[str, ...]:
             if isinstance(source, ImagesData):
                 config.existing(experiment.document, source.joints, ("data", "joints"), "file of joint readings")
             else:
-                config.existing(experiment.document, source.file, ("data", "file"), "file of measurements")
+                config.files_of(source, experiment.document, ("data",))
         except InputError as error:
             return (str(error),)
     if any(isinstance(source, ImagesData) for source in given):
@@ -184,20 +184,16 @@ def _drawn(data: Dataset, layout: FileData | ImagesData, rng: np.random.Generato
     return data if fraction is None else with_random_test(data, fraction, rng)
 
 
-def _read(o: Observation, source: FileData, path: Path, model: Model) -> Dataset:
+def _read(o: Observation, source: FileData, files: Sequence[Path], model: Model) -> Dataset:
     """What one observation has read; of a session of its own only the rows of that."""
     layout = config.layout_of(source)
-    where = dict(layout.where)
-    return load_measurements(
-        path,
+    return measurements_in(
+        layout.table(files),
         model.robot,
         o.instrument,
+        layout,
         point_names=o.features,
-        columns=layout.columns,
         split=config.split_of(source.split),
-        delimiter=layout.delimiter,
-        decimal=layout.decimal,
-        where=where,
         session=o.session if o.name != o.of else None,
         alone=len(model.task.observations) == 1,
         name=o.name,

@@ -192,6 +192,7 @@ def _with_provenance(outcome: Outcome) -> Robot:
             "delimiter": own.delimiter,
             "decimal": own.decimal,
             "where": dict(own.where),
+            "sheet": own.sheet,
         }
         for name, own in config.sources(outcome.experiment.file).items()
         if isinstance(own, FileData)

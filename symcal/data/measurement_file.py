@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from symcal import spatial
 from symcal.data.conditions import condition_columns, of_postures, read_conditions
 from symcal.data.dataset import Dataset, Readings
+from symcal.data.labels import labels_of, of_session, pose_keys, provenance_of
 from symcal.data.layout import Layout
 from symcal.data.notes import notes, refuse_more_joints, unread
 from symcal.data.split import Split as Split
@@ -26,6 +27,7 @@ from symcal.documents.table import Table, joint_readings
 from symcal.errors import InputError
 from symcal.instruments import KINDS, Instrument, Quantity, kind_named
 from symcal.parameters import Unit
+from symcal.robot.given import STEMS, is_given, with_given_readings
 from symcal.robot.robot import Robot
 from symcal.units import ANGLE, LENGTH, PIXEL, split_unit
 
@@ -94,8 +96,10 @@ def measurements_in(
     Raises:
         InputError: as `load_measurements`.
     """
+    if is_given(robot) and "flange_x" in whole.stems():
+        whole = with_given_readings(whole)
     whole = whole if session is None else whole.where({"session": session})
-    table = whole if session is None else _of_session(whole, session)
+    table = whole if session is None else of_session(whole, session)
     split, expected = split or Split(), tuple(point_names)
     reads = kind_named(kind)() if isinstance(kind, str) else kind
     measured = _measured_stems(table, reads, expected)
@@ -110,13 +114,13 @@ def measurements_in(
     if reads.reads == "frame":
         data = replace(_read_pose(table, q, reads), conditions=conditions)
     elif measured or reads.constrains:
-        poses = _pose_keys(table, np.column_stack([q, *conditions.values()]))
+        poses = pose_keys(table, np.column_stack([q, *conditions.values()]))
         data, firsts, place = _read_long(table, q, poses, reads, expected)
         data = replace(data, conditions=of_postures(table, conditions, robot, data.labels, place, firsts))
     else:
         data = replace(_read_wide(table, q, reads, expected), conditions=conditions)
     data = replace(
-        data, split=splits(whole, poses, split, alone=session is None and alone), provenance=_provenance(table)
+        data, split=splits(whole, poses, split, alone=session is None and alone), provenance=provenance_of(table)
     )
     data = replace(data, of=(replace(data.only, name=name or reads.name),))
     if reads.constrains and "pose" not in table.columns:  # a posture touches one thing, and none here is called by name
@@ -149,52 +153,9 @@ def _known_stems(table: Table, robot: Robot, split: Split, kind: Instrument) -> 
     joints = {name for i, joint in enumerate(robot.joints, start=1) for name in (f"q{i}", joint.name)}
     measured = {name for each in every for name, _ in each.columns} | set(_FRAME_ANGLES)
     conditions = {name for names in condition_columns(robot).values() for name in names}
-    return {"pose", "point", "session", split.column or "split"} | sigmas | wide | joints | measured | conditions
-
-
-def _pose_keys(table: Table, postures: Array) -> list[object]:
-    """What tells the posture of each row: its name within its session and file, or its joint readings with its
-    conditions."""
-    if "pose" in table.columns:
-        names = table.text("pose")
-        return [(s, n) if s else n for s, n in zip(_sessions(table), names, strict=True)]
-    if "point" in table.columns:
-        return [tuple(row) for row in postures.tolist()]
-    return list(range(len(table)))
-
-
-def _sessions(table: Table) -> list[str]:
-    """The session of every row; of several files after the file, where that is not the session."""
-    own = table.text("session") if "session" in table.columns else [""] * len(table)
-    if table.of is None:
-        return own
-    files = [table.origins[i].name for i in table.of]
-    return ["/".join(dict.fromkeys(filter(None, parts))) for parts in zip(files, own, strict=True)]
-
-
-def _of_session(table: Table, session: str) -> Table:
-    """The rows of a session without its name; nor does that of a file that is the session stand in labels."""
-    origins = tuple(replace(each, name="") if each.name == session else each for each in table.origins)
-    return replace(table.without("session"), origins=origins)
-
-
-def _provenance(table: Table) -> str:
-    return ", ".join(str(origin.path) for origin in table.origins) if table.of is not None else str(table.path)
-
-
-def _labels(table: Table, rows: NDArray[np.intp]) -> tuple[str, ...]:
-    if "pose" in table.columns:
-        names, sessions = table.text("pose"), _sessions(table)
-        return tuple(f"{sessions[i]}/{names[i]}" if sessions[i] else names[i] for i in rows)
-    if table.of is None:
-        return tuple(str(i) for i in range(len(rows)))
-    count = dict.fromkeys(range(len(table.origins)), -1)
-    found = []
-    for row in rows:
-        file = table.of[row]
-        count[file] += 1
-        found.append("/".join(filter(None, (table.origins[file].name, str(count[file])))))
-    return tuple(found)
+    own = set(STEMS) if is_given(robot) else set()
+    names = {"pose", "point", "session", split.column or "split"}
+    return names | sigmas | wide | joints | measured | conditions | own
 
 
 def _values(table: Table, kind: Instrument) -> Array:
@@ -237,7 +198,7 @@ def _read_long(
     place = {key: i for i, key in enumerate(dict.fromkeys(keys))}
     of_row = np.array([place[key] for key in keys], dtype=np.intp)
     firsts = np.unique(of_row, return_index=True)[1].astype(np.intp)
-    labels = _labels(table, firsts)
+    labels = labels_of(table, firsts)
     values = _values(table, kind)
     noise = _sigmas(table, kind)
     if len(place) * len(names) * max(size, width) > _MOST:
@@ -291,7 +252,7 @@ def _read_wide(table: Table, q: Array, kind: Instrument, expected: tuple[str, ..
         if np.isnan(z[row]).all():
             raise table.error("no point was measured in this row: remove it", row=row)
     sigma = _sigma(table, list(kind.quantities) * len(names), LENGTH)
-    return Dataset((Readings(kind, "", names),), q, z, _labels(table, np.arange(len(z))), (), sigma)
+    return Dataset((Readings(kind, "", names),), q, z, labels_of(table, np.arange(len(z))), (), sigma)
 
 
 def _read_pose(table: Table, q: Array, kind: Instrument) -> Dataset:
@@ -310,7 +271,7 @@ def _read_pose(table: Table, q: Array, kind: Instrument) -> Dataset:
         quaternion = spatial.matrix_quaternions(spatial.rpy_matrix(np.column_stack(angles)))
     sigma = _sigmas(table, kind)
     z = np.hstack([xyz, quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)])
-    return Dataset((Readings(kind, ""),), q, z, _labels(table, np.arange(len(z))), (), sigma)
+    return Dataset((Readings(kind, ""),), q, z, labels_of(table, np.arange(len(z))), (), sigma)
 
 
 def _sigmas(table: Table, kind: Instrument) -> Array | None:

@@ -78,8 +78,8 @@ def read_bag(path: Path, of: Joints, bag: Bag, how: Matching) -> Table:
     """
     with _opened(path) as reader:
         topics = {name: info.msgtype or "" for name, info in reader.topics.items()}
-        joints = _topic(path, topics, bag.joints, (JOINTS,), "joints")
-        measured = _topic(path, topics, bag.measured, MEASURED, "poses")
+        joints = _topic(path, topics, bag.joints, (JOINTS,), "joint_topic")
+        measured = _topic(path, topics, bag.measured, MEASURED, "topic")
         read = _joints(path, reader, joints, of, bag.names)
         seen = _seen(path, reader, measured, topics[measured], bag.frames)
     return matched(read, seen, of, how)

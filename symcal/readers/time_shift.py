@@ -14,6 +14,7 @@ LONGEST = 5.0
 _MOST = 40_000  # times of the grid
 _CONVINCING = 0.5  # correlation of speeds
 _LEAST = 50  # times in common
+_ALIKE = 0.03  # of the correlation: moves that take equally long go together at several shifts, and the least is meant
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +49,8 @@ def found_shift(t: Array, speed: Array, other_t: Array, other: Array, longest: f
     found = np.array([_correlation(one, grid + shift, other_t, other) for shift in shifts])
     if not np.isfinite(found).any():
         return None
-    best = int(np.nanargmax(found))
+    tops = np.flatnonzero(_tops(found) & (found >= np.nanmax(found) - _ALIKE))
+    best = int(tops[np.argmin(np.abs(shifts[tops]))])
     seconds = float(shifts[best])
     if 0 < best < len(found) - 1 and np.isfinite(found[best - 1 : best + 2]).all():
         left, top, right = found[best - 1 : best + 2]
@@ -57,6 +59,12 @@ def found_shift(t: Array, speed: Array, other_t: Array, other: Array, longest: f
     if found[best] < _CONVINCING:
         return None
     return Shift(seconds, float(found[best]), float(found[steps]))
+
+
+def _tops(found: Array) -> NDArray[np.bool_]:
+    """What is no less than its neighbours."""
+    around = np.concatenate([[-np.inf], np.nan_to_num(found, nan=-np.inf), [-np.inf]])
+    return np.isfinite(found) & (around[1:-1] >= around[:-2]) & (around[1:-1] >= around[2:])
 
 
 def _correlation(one: Array, times: Array, t: Array, speed: Array) -> float:

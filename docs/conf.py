@@ -37,3 +37,11 @@ autodoc_preserve_defaults = True
 napoleon_numpy_docstring = False
 python_maximum_signature_line_length = 88
 suppress_warnings = ["config.cache"]
+
+# A reference that leads nowhere is an error. Signatures also name types of other libraries, which have their own
+# documentation, and types of ours that functions hand on and nobody makes: `symcal.ROOM.MODULE.Name`.
+nitpicky = True
+nitpick_ignore_regex = [
+    (r"py:(class|obj)", r"(numpy|pathlib|collections|typing)\..*"),
+    (r"py:(class|obj)", r"(tuple\[)?~?(symcal(\.\w+){2,}|str|float)"),
+]

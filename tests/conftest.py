@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -29,6 +30,13 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 settings.load_profile("symcal")
+
+
+def pytest_collection_finish() -> None:
+    """What was imported and collected stays to the end: garbage is looked for among new objects, and as in commands."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(cli.OBJECTS, 50, 100)
 
 
 @pytest.fixture

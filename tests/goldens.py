@@ -22,16 +22,8 @@ from unittest import mock
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = Path(__file__).with_name("goldens")
-RUNS = (
-    "real/franka_fr3",
-    "real/tiago_mocap",
-    "real/two_axis_positioner",
-    "real/ur5_tracker",
-    "real/wam_tracker",
-    "simulated_arm",
-    "vision",
-    "handling_robot",
-)
+REAL = tuple(f"real/{path.stem}" for path in sorted((ROOT / "configs" / "real").glob("*.yaml")))
+RUNS = (*REAL, "simulated_arm", "vision", "handling_robot")
 PLANS = ("plan_position", "plan_fr3", "plan_camera")
 QUICK = ("real/franka_fr3", "real/tiago_mocap", "real/two_axis_positioner", "simulated_arm")
 PLAIN = ("outputs.report=false", "outputs.figures=false", "outputs.c=false")

@@ -78,6 +78,7 @@ def content_of(calibration: Calibration, data: Dataset, errors: Mapping[str, Map
         )
         for part in poses
     }
+    labels = {part: data.part(part).labels for part in poses}
     return {
         **results.header("trial", "A trial", 7, (), Path()),
         "robot": results.robot_facts(calibration.model.robot),
@@ -85,7 +86,7 @@ def content_of(calibration: Calibration, data: Dataset, errors: Mapping[str, Map
         "instruments": results.instrument_facts(task, each),
         "warnings": [],
         **results.calibration_facts(calibration),
-        "accuracy": {part: results.accuracy_facts(found) for part, found in errors.items()},
+        "accuracy": {part: results.accuracy_facts(found, labels.get(part)) for part, found in errors.items()},
         "expected_position_rms_mm": expected,
         "against": "noisy measurement",
     }

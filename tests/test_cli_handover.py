@@ -162,11 +162,19 @@ def test_missing_options_are_a_usage_error(symcal: Command, file: Path) -> None:
 
 
 def test_every_format_is_written(symcal: Command, file: Path, tmp_path: Path) -> None:
-    for to, names in (("c", {"c"}), ("urdf", {"robot.urdf"}), ("json", {"robot.json", "corrections.csv"})):
+    formats = {
+        "c": {"c"},
+        "urdf": {"robot.urdf"},
+        "xacro": {"calibration.xacro", "robot.urdf.xacro"},
+        "offsets": {"joint_offsets.csv", "joint_offsets.yaml", "transmissions.xml"},
+        "json": {"robot.json", "corrections.csv"},
+    }
+    for to, names in formats.items():
         done = symcal("export", file, "--to", to, "--out", to)
         assert done.code == 0, done.err
         assert {path.name for path in (tmp_path / to).iterdir()} == names
-        assert done.err == ""
+        assert done.err.startswith("With these zeros" if to == "offsets" else "")
+        assert to == "offsets" or not done.err
         for name in names:
             assert name in done.out
     assert (tmp_path / "c" / "c" / "handling_robot_kinematics.c").is_file()

@@ -4,28 +4,33 @@ A block with a caption is a file of that name. A command is run as a user would;
 take their time (`pytest -m long`), and so do all blocks after it on that page.
 """
 
+import json
 import re
 import shlex
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import typer.main
 import yaml
 from sybil import Example, Sybil
 from sybil.evaluators.python import PythonEvaluator
 from sybil.parsers.myst import CodeBlockParser
 
+from symcal import cli
 from symcal.camera.files import CameraFile
 from symcal.config.experiment import experiment_type
 from symcal.instruments import KINDS
 from symcal.robot.schema import RobotFile
 from symcal.runs.load import load
+from symcal.words import number
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 README = ROOT / "README.md"
 PAGES = [README, *(path for path in sorted(DOCS.rglob("*.md")) if "_made" not in path.parts)]
 SLOW = "\n% long\n"
+QUOTED = {"start.md": ("ur5e/practice", "eye/practice", "scara/practice")}  # runs whose errors stand on the page
 FILES = (experiment_type(), RobotFile, CameraFile)
 KEYS = {field.alias or name for file in FILES for name, field in file.model_fields.items()}
 
@@ -89,13 +94,13 @@ def page(symcal, tmp_path):
     return lambda path: _Page(path, symcal)
 
 
-@pytest.mark.parametrize("path", PAGES[1:], ids=_name)
+@pytest.mark.parametrize("path", [each for each in PAGES if each.name != "api.md"], ids=_name)
 def test_what_a_page_says_runs(page, path: Path) -> None:
     page(path).run(to_the_end=False)
 
 
-def test_the_example_of_the_readme_runs_and_says_what_it_found(page, capsys) -> None:
-    page(README).run(to_the_end=False)
+def test_the_twenty_lines_say_what_they_found(page, capsys) -> None:
+    page(DOCS / "api.md").run(to_the_end=False)
     assert re.search(r"^\d+ of 25 directions seen, noise 0\.0\d\d mm$", capsys.readouterr().out, re.M)
     assert Path("calibrated.yaml").is_file()
 
@@ -104,10 +109,22 @@ def test_the_example_of_the_readme_runs_and_says_what_it_found(page, capsys) -> 
 @pytest.mark.parametrize("path", [each for each in PAGES if SLOW in each.read_text(encoding="utf-8")], ids=_name)
 def test_what_takes_its_time_runs_too(page, path: Path) -> None:
     page(path).run(to_the_end=True)
+    text = path.read_text(encoding="utf-8")
+    for folder in QUOTED.get(path.name, ()):
+        truth = json.loads(Path(folder, "results.json").read_text(encoding="utf-8"))["accuracy"]["truth"]
+        for state in ("before", "after"):
+            (size,) = (found["rms"] for quantity, found in truth[state].items() if quantity.endswith("_mm"))
+            assert f"{number(size)} mm" in text, f"{folder}: {state} it is {number(size)} mm rms"
 
 
 def test_every_kind_of_instrument_has_its_page() -> None:
     assert {path.stem for path in (DOCS / "instruments").glob("*.md")} == {*KINDS, "index"}
+
+
+def test_every_command_has_its_place_on_the_page_of_commands() -> None:
+    text = (DOCS / "commands.md").read_text(encoding="utf-8")
+    names = typer.main.get_command(cli.app).commands
+    assert not [name for name in names if f"`symcal {name}" not in text]
 
 
 def test_pages_name_modules_that_are_there() -> None:

@@ -406,7 +406,7 @@ def test_an_instrument_that_was_moved_makes_no_difference(tmp_path: Path) -> Non
 
 
 def test_second_calibrations_are_as_far_off_as_stated() -> None:
-    found = drawn.again("again, position", 12) + drawn.again("again, positioner", 12)
+    found = drawn.again("again, position", 8) + drawn.again("again, positioner", 8)
     assert stats.kstest([each.p for each in found], "uniform").pvalue > 0.01
     assert sum(not each.agree for each in found) <= 1
     assert not any(each.agree for each in drawn.again("again, bent", 2))

@@ -69,7 +69,9 @@ def test_the_folder_of_a_run_with_images(rendered, configs):
     out, results = rendered
     assert json.loads((out / "results.json").read_text())["comparison"] == results["comparison"]
     assert (out / "report.pdf").read_bytes().startswith(b"%PDF")
-    assert '":"data:image/jpeg;base64,' in (out / "report.html").read_text(encoding="utf-8")
+    assert (out / "report.html").read_text(encoding="utf-8").count('src="data:image/jpeg;base64,') == 14
+    worst = results["accuracy"]["test"]["after"]["position_mm"]["worst"]
+    assert worst["pose"].startswith("unseen ")
     assert len(list((out / "images").glob("*.png"))) == 2
     for name in ("camera.yaml", "calibrated.yaml", "measurements.csv", "figures/ways_compared.pdf"):
         assert (out / name).is_file()

@@ -77,16 +77,17 @@ def oracle(robot: Robot, q: np.ndarray, x: dict[str, complex] | None = None) -> 
 
 
 def complex_step(pose_of, values: np.ndarray) -> np.ndarray:
-    """Velocity of the origin and angular velocity, in world, per value; shape (6, n)."""
-    rotation = pose_of(values.astype(complex))[:3, :3].real
-    columns = []
+    """Velocity of the origin and angular velocity, in world, per value; shape (6, n), or (k, 6, n) of k poses."""
+    rotation = pose_of(values.astype(complex))[..., :3, :3].real
+    columns = np.empty((len(values), *rotation.shape[:-2], 6))
     for i in range(len(values)):
         stepped = values.astype(complex)
         stepped[i] += 1e-30j
         rate = pose_of(stepped).imag / 1e-30
-        spin = rate[:3, :3] @ rotation.T
-        columns.append([*rate[:3, 3], spin[2, 1], spin[0, 2], spin[1, 0]])
-    return np.array(columns).T.reshape(6, len(values))
+        spin = rate[..., :3, :3] @ rotation.swapaxes(-2, -1)
+        columns[i, ..., :3] = rate[..., :3, 3]
+        columns[i, ..., 3:] = np.stack([spin[..., 2, 1], spin[..., 0, 2], spin[..., 1, 0]], axis=-1)
+    return np.moveaxis(columns, 0, -1)
 
 
 def small_errors(rng: np.random.Generator, parameters: ParameterSet, turn: float) -> np.ndarray:

@@ -25,7 +25,7 @@ def test_slopes_are_those_of_complex_steps_in_an_independent_model(name: str) ->
 
 @every_scenario
 def test_errors_on_what_is_seen_follow_the_bound_of_cramer_and_rao(name: str) -> None:
-    found = law(name, 6)
+    found = law(name, 4)
     assert found.converged
     assert abs(found.ratio - 1) < 4 * found.error
     assert found.p_value > 1e-4

@@ -206,14 +206,20 @@ def test_no_neighbour_changes_a_bit(name: str, backend: str, monkeypatch: pytest
     case = CASES[name]()
     q, z, sigma = measured(case, 13, 24, rng)
     z[5] += 400.0 * rng.normal(size=z[5].shape)
-    whole = fit_many(case.model, q, z, sigma, strict=False)
+    few = Tolerances(cost=1e-10, iterations=25)  # after which most of the wild ones are still on their way
+
+    def fits(q: Array, z: Array, sigma: Array) -> ManyFits:
+        return fit_many(case.model, q, z, sigma, strict=False, tolerances=few)
+
+    whole = fits(q, z, sigma)
+    assert np.flatnonzero(~whole.converged).tolist() == [5]
     for which in ([0], [12], [7, 3, 3, 9], rng.permutation(13), np.arange(5), np.arange(5, 13)):
-        part = fit_many(case.model, q[which], z[which], sigma[which], strict=False)
-        assert same(whole, part, which)
-    at_once = fit_many(case.model, q[0], z, case.sigma, strict=False)
+        assert same(whole, fits(q[which], z[which], sigma[which]), which)
+    at_once = fits(q[0], z, case.sigma)
+    assert 0 < at_once.converged.sum() < 13
     for cut in (1, 4, 11):
         for some in (slice(None, cut), slice(cut, None)):
-            assert same(at_once, fit_many(case.model, q[0], z[some], case.sigma, strict=False), some)
+            assert same(at_once, fits(q[0], z[some], case.sigma), some)
 
 
 @backends

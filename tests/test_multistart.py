@@ -9,6 +9,7 @@ import pytest
 from cases import anywhere, handling
 from scipy.optimize import least_squares
 
+import symcal as sc
 from symcal import Distance, Noise, Observation, Place, Target, Task, build_model, simulate
 from symcal.data.dataset import Dataset
 from symcal.fit.residual_rows import rows_of
@@ -78,3 +79,20 @@ def test_a_search_goes_on_until_enough_starts_agree(monkeypatch: pytest.MonkeyPa
     found = searched(model, data, np.random.default_rng(1))
     assert calls == [16, 3, 1]
     assert (found.starts, found.agreed) == (20, 4)
+
+
+def test_what_readings_do_not_tell_stays_where_it_started() -> None:
+    """A wire from an arm of upright axes to a box: nothing tells their heights apart, and they ran off to 6e14 mm."""
+    links = [sc.Link(sc.Joint("revolute", name, -2.0, 2.0), {"theta": 0.0, "a": 300.0}) for name in ("upper", "lower")]
+    hook = Target("hook", Place("flange"), {"P": None})
+    model = build_model(
+        sc.Robot("flat", "standard", tuple(links)),
+        Task((Observation(Distance(offset=None), "wire", at=Place("base", unknown=True), target=hook),)),
+    )
+    rng = np.random.default_rng(1)
+    free = ("wire_x", "wire_y", "wire_z", "wire_offset", "hook_P_x", "hook_P_y", "hook_P_z")
+    truth = {"wire_x": 700.0, "wire_y": 500.0, "wire_offset": 20.0, "hook_P_x": 60.0, "hook_P_z": 40.0}
+    data = simulate(model, truth, rng.uniform(-2.0, 2.0, (40, 2)), Noise(distance=0.1), rng)
+    found = search(model, data, model.setup, np.zeros(len(model.parameters)), free, 600.0, rng)
+    assert abs(found.setup.places["wire"][2, 3]) < 2000.0
+    assert np.abs(found.setup.points).max() < 2000.0

@@ -6,7 +6,6 @@ import copy
 import hashlib
 import json
 from dataclasses import replace
-from html.parser import HTMLParser
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -14,78 +13,28 @@ from typing import Any
 import numpy as np
 import pytest
 from identifications import content_of, identified, simulated, wired
+from page_reader import NASTY, Page
 
 from symcal import plots
+from symcal.calibration.results import accuracy_facts
+from symcal.data.dataset import unseen
 from symcal.instruments import kind_named
 from symcal.kinematics import chain, function
 from symcal.model.observation import Observation, Place
 from symcal.model.task import Task
-from symcal.page import Identified
-from symcal.page import identification as page_module
+from symcal.page import Gallery, Identified, Thumbnail
+from symcal.page import assembled as page_module
 from symcal.page.arm import postures
+from symcal.page.assembled import CAP
+from symcal.page.gallery import fitting
 from symcal.page.headline import headline, ladder
-from symcal.page.identification import CAP, page
+from symcal.page.identification import page
 from symcal.page.intervals import intervals
-from symcal.page.marks import marks
+from symcal.page.marks import judged_marks, marks
 from symcal.page.render import as_json
 from symcal.page.vendored import PLOTLY
 from symcal.plots.save import save_figures
 from symcal.words import number
-
-NASTY = '</script><script>alert(1)</script><img src=x onerror="alert(2)"> & \u2028 {{ 7 * 7 }} %{x} <b>'
-
-
-class Page(HTMLParser):
-    """What a browser without script reads: visible text, tables by id, scripts, and every address that is asked."""
-
-    VOID = frozenset(("meta", "link", "img", "input", "br", "rect", "path"))
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.words: list[str] = []
-        self.scripts: list[str] = []
-        self.cells: dict[str, list[list[str]]] = {}
-        self.addresses: list[str] = []
-        self.handlers: list[str] = []
-        self._open: list[str] = []
-        self._table = ""
-        self.feed(text)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        given = dict(attrs)
-        self.addresses += [value for key in ("src", "href") if (value := given.get(key))]
-        self.handlers += [key for key in given if key.startswith("on")]
-        if tag not in self.VOID:
-            self._open.append(tag)
-        if tag == "table":
-            self._table = given.get("id") or ""
-        if tag == "tr":
-            self.cells.setdefault(self._table, []).append([])
-        if tag in ("td", "th"):
-            self.cells[self._table][-1].append("")
-        if tag == "script":
-            self.scripts.append("")
-
-    def handle_endtag(self, tag: str) -> None:
-        if tag not in self.VOID:
-            assert self._open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        if self._open and self._open[-1] == "script":
-            self.scripts[-1] += data
-        elif "style" not in self._open:
-            self.words.append(data)
-            if {"td", "th"}.intersection(self._open):
-                self.cells[self._table][-1][-1] += data
-
-    @property
-    def text(self) -> str:
-        return " ".join(" ".join(self.words).split())
-
-    @property
-    def scene(self) -> dict[str, Any]:
-        found: dict[str, Any] = json.loads(self.scripts[0])
-        return found
 
 
 @pytest.fixture(scope="module")
@@ -124,6 +73,9 @@ def test_numbers_are_those_of_the_results(shown: Page, content: dict[str, Any], 
         assert float(held[label]) == pytest.approx(size, abs=1e-4)
     scene = shown.scene
     assert scene["marks"]["held"][scene["worst"]] == pytest.approx(test["max"], rel=1e-4)
+    assert test["worst"]["size"] == test["max"]
+    assert scene["poses"]["label"][scene["marks"]["pose"][scene["worst"]]] == test["worst"]["pose"]
+    assert f"at pose {test['worst']['pose']}" in shown.text
 
 
 def test_it_asks_for_nothing(shown: Page) -> None:
@@ -141,13 +93,14 @@ def test_names_are_text(case: Any, content: dict[str, Any], many: bool) -> None:
     found["identifiability"]["unseen"] = [{"direction": {"a_1": 1.0}, "text": NASTY}]
     found["identification"]["parameters"]["tool_" + NASTY] = found["identification"]["parameters"]["theta_1"]
     labels = tuple(f"{NASTY}{i}" for i in range(len(data)))
-    images = {labels[0]: np.zeros((40, 60), np.uint8)} if many else None
+    found["accuracy"]["test"]["after"]["position_mm"]["worst"]["pose"] = NASTY
+    images = Gallery((Thumbnail(labels[0], NASTY, b"jpeg"),), 1) if many else Gallery()
     whole = page(Identified(found, calibration, replace(data, labels=labels), errors, images=images))
     read = Page(whole)
     assert len(read.scripts) == 5
     assert not read.handlers
     assert read.scene["poses"]["label"] == list(labels)
-    assert set(read.scene["images"]) == set(labels[:1] if many else ())
+    assert read.poses == [*labels[:1]] * many
     assert read.cells["points"][1][0] == labels[0]
     assert " ".join(NASTY.split()) in read.text
     assert "\u2028" not in as_json({"a": NASTY})
@@ -168,6 +121,46 @@ def test_it_stays_small(case: Any, content: dict[str, Any], tmp_path: Path, monk
     assert len(small.encode()) <= page_module.CAP
     left_out = Page(small).text.partition("Left out of this page")[2].partition(".")[0]
     assert left_out.endswith(pictures[-1].title)
+
+
+def test_images_have_the_room_that_is_left(case: Any, content: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """All of them, or as many as fit evenly, and then it is said."""
+    rng = np.random.default_rng(1)
+    sizes = rng.integers(2_000, 20_000, len(case[1])).tolist()
+    images = tuple(Thumbnail(label, "", rng.bytes(n)) for label, n in zip(case[1].labels, sizes, strict=True))
+    found = Identified(content, *case, images=Gallery(images, len(images)))
+    whole = page(found)
+    assert Page(whole).poses == [each.label for each in images]
+    assert f"{len(images)} images, one for each pose" in Page(whole).text
+    bare = len(page(Identified(content, *case)).encode())
+    monkeypatch.setattr(page_module, "CAP_WITH_IMAGES", (bare + len(whole.encode())) // 2)
+    some = page(found)
+    kept = Page(some).poses
+    assert len(some.encode()) <= page_module.CAP_WITH_IMAGES < len(whole.encode())
+    assert 0.3 * len(images) < len(kept) < 0.7 * len(images)
+    assert f"{len(kept)} of {len(images)} images" in Page(some).text
+    assert fitting(found.images, 0).thumbnails == ()
+
+
+def test_the_worst_of_many_points_is_the_pose_of_the_largest(case: Any) -> None:
+    """A row that stands for many points has their rms; what the results call the worst is one point's."""
+    calibration, data, errors = case
+    after = errors["test"]["after"]
+    size = np.full((len(data.part("test")), 20), 1.0)
+    size[2], size[4, 7] = 1.5, 3.0  # the largest rms, and the largest error
+    pose, point = np.indices(size.shape)
+    many = replace(
+        after, vectors=size.reshape(-1, 1) * [1.0, 0, 0], pose=pose.ravel(), point=point.ravel(), rotations=None
+    )
+    q = data.part("test").q
+    found = judged_marks(
+        calibration, data.part("train"), {"train": errors["train"], "test": {"before": many, "after": many}}, q, "all"
+    )
+    facts = accuracy_facts({"after": many}, unseen(len(q)))["after"]["position_mm"]["worst"]
+    assert found.worst is not None
+    assert found.poses.labels[found.rows[found.worst].pose] == facts["pose"] == "unseen 5"
+    assert facts["size"] == 3.0
+    assert max(found.rows, key=lambda row: row.held_out or 0).pose != found.rows[found.worst].pose
 
 
 def test_training_residuals_are_no_headline(content: dict[str, Any]) -> None:

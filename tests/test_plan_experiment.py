@@ -345,8 +345,10 @@ def test_the_command(planning, tmp_path):
     assert done.exit_code == 0, done.output
     assert "as good as any 12 poses" in done.output
     assert (tmp_path / "out" / "plan.csv").is_file()
-    quiet = CliRunner().invoke(app, ["plan", str(planning), "--out", str(tmp_path / "out"), "--quiet", *options])
+    bare = [*(each for pair in QUICK if pair not in PLAIN for each in ("--set", pair)), "--no-report", "--quiet"]
+    quiet = CliRunner().invoke(app, ["plan", str(planning), "--out", str(tmp_path / "out"), *bare])
     assert quiet.output == ""
+    assert not [*(tmp_path / "out").glob("report.*"), *(tmp_path / "out").glob("figures/*")]
 
 
 def test_nothing_is_written_for_a_refused_plan(planning, tmp_path):

@@ -63,6 +63,19 @@ def loaded(*args: str | Path) -> set[str]:
     return set(json.loads(line.removeprefix("loaded ")))
 
 
+@pytest.fixture(scope="module")
+def with_report(measured_experiment: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, set[str]]:
+    """The folder that an identification leaves, and what its process has loaded."""
+    folder = tmp_path_factory.mktemp("with") / "run"
+    return folder, loaded("identify", measured_experiment, "--out", folder)
+
+
+@pytest.fixture(scope="module")
+def without_report(measured_experiment: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, set[str]]:
+    folder = tmp_path_factory.mktemp("without") / "run"
+    return folder, loaded("identify", measured_experiment, "--no-report", "--out", folder)
+
+
 @pytest.mark.parametrize("file", ["handling_robot.yaml", "robots/handling_robot.yaml", "simulated_arm.yaml"])
 def test_a_check_loads_no_science(file: str) -> None:
     found = loaded("check", ROOT / "configs" / file)
@@ -72,8 +85,8 @@ def test_a_check_loads_no_science(file: str) -> None:
     assert not found.intersection(("symcal.calibration.calibrate", "symcal.runs.run", "rich.progress"))
 
 
-def test_an_identification_without_a_report_loads_no_figures(measured_experiment: Path, tmp_path: Path) -> None:
-    found = loaded("identify", measured_experiment, "--no-report", "--out", tmp_path / "run")
+def test_an_identification_without_a_report_loads_no_figures(without_report: tuple[Path, set[str]]) -> None:
+    _, found = without_report
     assert not found.intersection(HEAVY)
     assert not [
         name
@@ -82,9 +95,9 @@ def test_an_identification_without_a_report_loads_no_figures(measured_experiment
     ]
 
 
-def test_an_identification_with_a_report_loads_figures_but_no_images(measured_experiment: Path, tmp_path: Path) -> None:
+def test_an_identification_with_a_report_loads_figures_but_no_images(with_report: tuple[Path, set[str]]) -> None:
     """Of measurements that are numbers; what looks for plans is not loaded either."""
-    found = loaded("identify", measured_experiment, "--out", tmp_path / "run")
+    _, found = with_report
     assert found.issuperset(("matplotlib", "typst"))
     assert not found.intersection({*HEAVY} - {"matplotlib", "typst", "PIL", "jinja2"})
     assert not [name for name in found if name.startswith(("symcal.vision", "symcal.images", "symcal.planning.search"))]
@@ -143,16 +156,16 @@ def test_help_loads_neither_numbers_nor_tables() -> None:
     assert not found.intersection((*HEAVY, "numpy", "casadi", "pydantic", "yaml", "rich.console"))
 
 
-def test_no_report_leaves_all_numbers(measured_experiment: Path, tmp_path: Path) -> None:
-    for name, options in (("with", ()), ("without", ("--no-report",))):
-        loaded("identify", measured_experiment, *options, "--out", tmp_path / name)
+def test_no_report_leaves_all_numbers(
+    with_report: tuple[Path, set[str]], without_report: tuple[Path, set[str]]
+) -> None:
+    folders = (with_report[0], without_report[0])
     whole, plain = (
-        {path.relative_to(tmp_path / name).as_posix() for path in (tmp_path / name).rglob("*") if path.is_file()}
-        for name in ("with", "without")
+        {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()} for folder in folders
     )
     assert whole - plain == {"report.pdf", "report.html"} | {name for name in whole if name.startswith("figures/")}
     assert plain < whole
-    made = json.loads((tmp_path / "without" / "manifest.json").read_text())
+    made = json.loads((folders[1] / "manifest.json").read_text())
     assert "report." not in json.dumps(made)
-    numbers = [json.loads((tmp_path / n / "results.json").read_text()) for n in ("with", "without")]
+    numbers = [json.loads((folder / "results.json").read_text()) for folder in folders]
     assert numbers[0]["identification"] == numbers[1]["identification"]

@@ -29,7 +29,7 @@ def test_every_kind_is_among_those_identified():
 
 @pytest.mark.parametrize("name", SETS)
 def test_errors_follow_the_law_of_their_covariance(name):
-    ratio, tail = law(name, 30)
+    ratio, tail = law(name, 15)
     assert tail > 1e-4, ratio
 
 

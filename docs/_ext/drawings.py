@@ -6,14 +6,12 @@ Written to `docs/_made/` at every build, so that a change of a convention or a k
 import itertools
 from pathlib import Path
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from sphinx.application import Sphinx
 
 from symcal.instruments import KINDS
-from symcal.kinematics import chain, frame_vector
-from symcal.parameters import ParameterSet
+from symcal.kinematics.picture import frames_at
 from symcal.robot.conventions import convert
 from symcal.robot.files import load_robot
 from symcal.robot.robot import Robot
@@ -57,16 +55,8 @@ def picture(width: int, height: int, title: str, parts: list[str]) -> str:
     )
 
 
-def link_frames(robot: Robot, posture: tuple[float, ...]) -> Array:
-    """The base and every link's frame, shape (dof + 1, 4, 4), mm: of the kinematics that identifications use."""
-    model = chain(robot, ParameterSet(()))
-    frames = ca.Function("frames", [model.q, model.x, model.frames], [ca.horzcat(*model.links)])
-    found = np.array(frames(np.radians(posture), [], frame_vector(robot.base, robot.tool)))
-    return np.array([robot.base, *np.split(found, robot.dof, axis=1)])
-
-
 def arm(robot: Robot, title: str) -> str:
-    frames = link_frames(robot, POSTURE)
+    frames = frames_at(robot, np.radians(POSTURE))[: robot.dof + 1]
     # seen from the front right and above: rows are the picture's right and down
     turn, lift = np.radians(-35.0), np.radians(22.0)
     right = np.array([np.cos(turn), np.sin(turn), 0.0])

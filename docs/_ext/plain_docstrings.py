@@ -8,6 +8,7 @@ import re
 from sphinx.application import Sphinx
 
 _SECTION = re.compile(r"(Args|Attributes|Example|Raises|Returns|Source|Yields):")
+_ERROR = re.compile(r"\w+Error: ")
 _MARKUP = re.compile(r"(`+)([^`]+)\1|[|*\\]|_(?=\W|$)")
 
 
@@ -18,17 +19,19 @@ def _escaped(line: str) -> str:
 
 def _plain(_app: Sphinx, _what: str, _name: str, _thing: object, _options: object, lines: list[str]) -> None:
     out: list[str] = []
-    sample = section = False  # within an example, shown as it is; within 'Args:' and the like, which napoleon reads
+    sample = section = raises = False  # within an example, shown as it is; 'Args:' and the like, which napoleon reads
     for line in lines:
         if not line.strip():
             sample = False
         elif line.lstrip().startswith(">>>"):
             sample = True
         if _SECTION.fullmatch(line):
-            section = True
+            section, raises = True, line.startswith("Raises")
         elif line.strip() and not line.startswith(" "):
-            section = False
+            section = raises = False
         text = line if sample else _escaped(line)
+        if raises and line.startswith(" ") and not _ERROR.match(line.lstrip()):
+            text = "    " + text  # goes on with a sentence, and is no other error
         # an indented line that goes on with a sentence; after an empty line it is a formula and keeps its place
         out.append(text.lstrip() if not (section or sample) and out and out[-1].strip() else text)
     lines[:] = out

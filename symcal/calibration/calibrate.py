@@ -56,7 +56,8 @@ class Calibration:
     trial: of a smooth remainder, where one was asked for. bare: the model without it, where it was kept; what is known
         before and with joint zeros alone refers to that. extension: what was found beyond geometry, where that was
         asked for. mistakes: between robot file and measurements, that explain them far better than they are as given.
-    placing: how everything was placed, and by a baseline of its own.
+    placing: how everything was placed, and by a baseline of its own. train: the poses that it was identified from, to
+        be shown.
 
     Example:
         >>> import numpy as np
@@ -88,6 +89,7 @@ class Calibration:
     extension: Extension | None = None
     mistakes: tuple[Mistake, ...] = ()
     placing: tuple[Placed, ...] = ()
+    train: Dataset | None = None
 
     @property
     def states(self) -> dict[str, State]:
@@ -100,7 +102,9 @@ class Calibration:
         }
 
     def _repr_html_(self) -> str:
-        """Errors of the parameters that were estimated, with what the data told of each."""
+        """Errors of the parameters that were estimated, with what the data told of each; errors at the poses."""
+        from symcal.calibration.picture import errors_sketch
+
         fit, parameters = self.after, self.model.parameters
         rows = []
         for name, sigma, learnt in zip(fit.free, fit.posterior.sigmas, fit.posterior.learnt, strict=True):
@@ -109,7 +113,8 @@ class Calibration:
             rows.append([name, number(fit.x[i] * factor), number(sigma * factor), unit, percent(learnt)])
         title = f"{self.robot.name}: {fit.identifiability.rank} of {len(fit.free)} directions seen"
         head = ["parameter", "error", "sigma", "unit", "learnt from the data"]
-        return html_table(title, head, rows, ([fit.trouble] if fit.trouble else []) + list(self.notes))
+        notes = ([fit.trouble] if fit.trouble else []) + list(self.notes)
+        return html_table(title, head, rows, notes, errors_sketch(self.before, self.states["after"], self.train))
 
 
 def calibrate(
@@ -213,6 +218,7 @@ def _calibrate(model: Model, baseline: Model | None, data: Dataset, options: Opt
         odd.listed,
         found.choice,
         placing=found.placed,
+        train=train,
     )
 
 

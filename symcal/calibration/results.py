@@ -8,12 +8,13 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symcal.calibration.calibrate import Calibration
 from symcal.calibration.evaluate import Errors, Statistics, statistics
@@ -29,6 +30,8 @@ from symcal.model.measurement import Measurement
 from symcal.model.task import Task
 from symcal.robot.robot import Robot
 from symcal.units import DEGREES, SHOWN_UNITS
+
+Array = NDArray[np.float64]
 
 SCHEMA = "symcal/results/1"
 
@@ -191,17 +194,29 @@ def instrument_facts(task: Task, errors: Mapping[str, Mapping[str, Mapping[str, 
     return out
 
 
-def accuracy_facts(errors: Mapping[str, Errors]) -> dict[str, Any]:
-    """Statistics of position (mm) and orientation (deg) errors per state; of what else is measured, in its unit."""
+def accuracy_facts(errors: Mapping[str, Errors], labels: Sequence[str] | None = None) -> dict[str, Any]:
+    """Statistics of position (mm) and orientation (deg) errors per state; of what else is measured, in its unit.
+
+    Args:
+        labels: of the poses. With them the state `after` says at which pose its largest error is.
+    """
     out: dict[str, Any] = {}
     for name, found in errors.items():
         out[name] = {found.key: _statistics(found)}
+        if labels is not None and name == "after":
+            out[name][found.key]["worst"] = worst_facts(found.size, found.pose, labels, found.unit)
         if found.orientation is not None:
             out[name]["orientation_deg"] = _as_dict(statistics(np.rad2deg(found.orientation)))
     return out
 
 
-def _statistics(errors: Errors) -> dict[str, float | int]:
+def worst_facts(sizes: Array, poses: NDArray[np.intp], labels: Sequence[str], unit: str) -> dict[str, Any]:
+    """The largest of errors: at which pose, by its label, and how large."""
+    at = int(sizes.argmax())
+    return {"pose": labels[int(poses[at])], "size": float(sizes[at]), "unit": unit}
+
+
+def _statistics(errors: Errors) -> dict[str, Any]:
     found = _as_dict(errors.statistics)
     return found | {"fitted": errors.fitted} if errors.fitted else found
 

@@ -17,7 +17,7 @@ from symcal.cli.doctor import doctor
 from symcal.cli.identify import check, identify, run, validate
 from symcal.cli.images import board, camera, measure
 from symcal.cli.init import init
-from symcal.cli.plan import plan
+from symcal.cli.plan import plan, program
 from symcal.cli.reply import WithJson, answer, json_asked
 from symcal.cli.stdout import named_stdout, silence
 from symcal.cli.study import study
@@ -31,6 +31,7 @@ for command in (
     run,
     study,
     plan,
+    program,
     board,
     camera,
     measure,
@@ -48,12 +49,12 @@ for command in (
     app.command(command.__name__.rstrip("_"))(WithJson(command))
 
 # New objects before garbage is looked for: loading makes many that stay, and looking through them is slow.
-_OBJECTS = 400_000
+OBJECTS = 400_000
 
 
 def main() -> None:
     """Entry point: an input error is one message and exit code 1; a traceback is a bug of ours."""
-    gc.set_threshold(_OBJECTS, 50, 100)
+    gc.set_threshold(OBJECTS, 50, 100)
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "true")  # it would look through all installed packages for them
     signal.signal(signal.SIGTERM, _stop)
     hangup = getattr(signal, "SIGHUP", None)

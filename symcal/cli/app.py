@@ -24,6 +24,14 @@ NoReport = Annotated[bool, typer.Option("--no-report", help="numbers and tables 
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="no progress and no table")]
 
 
+def with_outputs(overrides: list[str] | None, no_report: bool) -> list[str]:
+    """What is set on the command line; without a report also its keys of the file."""
+    return [
+        *(overrides or ()),
+        *(("outputs.figures=false", "outputs.report=false", "outputs.html=false") if no_report else ()),
+    ]
+
+
 def _print_version(wanted: bool) -> None:
     if wanted:
         from importlib.metadata import version

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,11 +16,20 @@ if TYPE_CHECKING:
 
 def compensate(
     calibrated: Calibrated,
-    targets: Annotated[Path, typer.Option("--targets", metavar="CSV", help="joint commands, or positions or poses")],
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="CSV", help="corrected joint commands [joints.csv]")
+    targets: Annotated[
+        Path | None, typer.Option("--targets", metavar="CSV", help="joint commands, or positions or poses")
     ] = None,
-    frame: Annotated[str, typer.Option("--frame", help="frame of positions and poses: base or world")] = "base",
+    program: Annotated[
+        Path | None, typer.Option("--program", metavar="FILE", help="URScript, RAPID or KRL, instead of targets")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE", help="corrected joint commands [joints.csv], or the corrected program"),
+    ] = None,
+    frame: Annotated[
+        str | None,
+        typer.Option("--frame", help="frame of positions and poses: base or world [base; of a program: none]"),
+    ] = None,
     seed: Seed = None,
     quiet: Quiet = False,
 ) -> None:
@@ -38,10 +48,15 @@ def compensate(
     from symcal.outputs.whole_file import place_of
     from symcal.robot.files import load_robot
 
-    place = place_of(out, "joints.csv", (calibrated, targets))
-
-    if frame not in ("base", "world"):
+    if frame not in (None, "base", "world"):
         raise InputError("no such frame", key="--frame", found=frame, allowed=("base", "world"))
+    if (targets is None) == (program is None):
+        raise typer.BadParameter("give either a table of targets or a program", param_hint="--targets, --program")
+    if targets is None:
+        assert program is not None
+        _compensate_program(calibrated, program, out, frame, seed, quiet)
+        return
+    place = place_of(out, "joints.csv", (calibrated, targets))
     robot = load_robot(calibrated)
     if robot.record is None:
         message = "this robot has no 'calibration', so there is nothing to correct: give the calibrated.yaml of a run"
@@ -50,7 +65,7 @@ def compensate(
         progress("compensating")
         result = solve(
             robot,
-            read_targets(targets, robot, "base" if frame == "base" else "world"),
+            read_targets(targets, robot, "world" if frame == "world" else "base"),
             np.random.default_rng(seed or 0),
         )
     write_joints(result, place)
@@ -64,9 +79,46 @@ def compensate(
         terminal.output().print(f"written to {escape(str(place))}")
 
 
+def _compensate_program(
+    calibrated: Path, program: Path, out: Path | None, frame: str | None, seed: int | None, quiet: bool
+) -> None:
+    import numpy as np
+    from rich.markup import escape
+
+    from symcal.cli import terminal
+    from symcal.cli.reply import reply
+    from symcal.errors import InputError
+    from symcal.outputs.whole_file import place_of, write_whole
+    from symcal.programs.correct import correct_program
+    from symcal.robot.files import load_robot
+
+    if frame == "world":
+        raise InputError(
+            "frames of a program are in the robot's base frame", key="--frame", found=frame, allowed=["base"]
+        )
+    place = place_of(out, f"{program.stem}_corrected{program.suffix}", (calibrated, program))
+    robot = load_robot(calibrated)
+    if robot.record is None:
+        message = "this robot has no 'calibration', so there is nothing to correct: give the calibrated.yaml of a run"
+        raise InputError(message, file=calibrated)
+    with terminal.spinner(quiet) as progress:
+        progress("compensating")
+        found = correct_program(program, robot, np.random.default_rng(seed or 0), frames=frame == "base")
+    write_whole(place, found.text)
+    facts = {"corrected": found.count, "largest_mm": found.largest_mm, "left": [asdict(each) for each in found.left]}
+    reply(lambda: facts, place)
+    console = terminal.output()
+    for each in found.left:
+        console.print(f"left, line {each.line}: {escape(each.text)}: {escape(each.why)}")
+    if not quiet:
+        count = "1 target" if found.count == 1 else f"{found.count} targets"
+        console.print(f"{count} corrected, by up to {found.largest_mm:.3g} mm; {len(found.left)} left as they were")
+        console.print(f"written to {escape(str(place))}")
+
+
 def export(
     calibrated: Calibrated,
-    to: Annotated[str, typer.Option("--to", metavar="c|urdf|json", help="what to write")],
+    to: Annotated[str, typer.Option("--to", metavar="c|urdf|xacro|ur|offsets|json", help="what to write")],
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="folder to write into")] = Path(),
     force: Annotated[bool, typer.Option("--force", help="export what was refused; reasons are still printed")] = False,
     approximate: Annotated[
@@ -75,7 +127,8 @@ def export(
     ] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Hand a calibrated robot over: C code for the controller, URDF, or JSON with the table of corrections."""
+    """Hand a calibrated robot over: C code for the controller, URDF, xacro, the six frames of a Universal Robots arm,
+    zero offsets of the joints alone, or JSON with the table of corrections."""
     from rich.console import Console
     from rich.markup import escape
 
@@ -95,10 +148,14 @@ def export(
         notes.append(found.left_out.text)
     if robot.record is None:
         notes.append("this robot has no 'calibration': what is written is nominal")
-    reply(lambda: {"notes": notes}, *found.written)
+    notes += found.notes
+    proof = found.proof
+    reply(lambda: {"notes": notes, "proof": None if proof is None else asdict(proof)}, *found.written)
     for note in notes:
         Console(stderr=True, soft_wrap=True).print(note, markup=False, highlight=False)
     if not quiet:
+        if proof is not None:
+            terminal.output().print(escape(proof.text))
         for path in found.written:
             terminal.output().print(f"written to {escape(str(path))}")
 

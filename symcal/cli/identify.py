@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from symcal.cli.app import Experiment, NoReport, Out, Quiet, Seed, Set
+from symcal.cli.app import Experiment, NoReport, Out, Quiet, Seed, Set, with_outputs
 from symcal.errors import RefusedError
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ def run(
     quiet: Quiet = False,
 ) -> None:
     """Run an experiment: measure or simulate, identify, evaluate, report."""
-    _identify(experiment, None, out, seed, _outputs(set_, no_report), quiet)
+    _identify(experiment, None, out, seed, with_outputs(set_, no_report), quiet)
 
 
 def identify(
@@ -38,7 +38,7 @@ def identify(
     quiet: Quiet = False,
 ) -> None:
     """Identify a robot from measurements."""
-    _identify(experiment, data, out, seed, _outputs(set_, no_report), quiet, study=False)
+    _identify(experiment, data, out, seed, with_outputs(set_, no_report), quiet, study=False)
 
 
 def validate(
@@ -122,14 +122,6 @@ def _plain(robot: Robot) -> dict[str, Any]:
     from symcal.export.json import robot_json
 
     return robot_json(robot)
-
-
-def _outputs(overrides: list[str] | None, no_report: bool) -> list[str]:
-    """What is set on the command line; without a report also its keys of the file."""
-    return [
-        *(overrides or ()),
-        *(("outputs.figures=false", "outputs.report=false", "outputs.html=false") if no_report else ()),
-    ]
 
 
 def _identify(

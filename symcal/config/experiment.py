@@ -192,7 +192,7 @@ class ValidationConfig(Strict):
 class OutputsConfig(Strict):
     """What a run leaves beside its numbers.
 
-    report: in PDF. html: the page of an identification; as ``report`` where nothing is said. c: the calibrated robot as
+    report: in PDF. html: the page that one can touch; as ``report`` where nothing is said. c: the calibrated robot as
     C code, where nothing speaks against it.
     """
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from symcal.data.picture import data_sketch
 from symcal.errors import InputError
 from symcal.instruments import Instrument, kind_named
 from symcal.notebook import html_table
@@ -102,7 +103,7 @@ class Dataset:
         return len(self.q)
 
     def _repr_html_(self) -> str:
-        """What was read how often, in which units."""
+        """What was read how often, in which units, and where."""
         rows, at = [], 0
         for each in self.of:
             read = int(np.isfinite(self.z[:, at : at + each.width]).any(axis=1).sum())
@@ -111,7 +112,8 @@ class Dataset:
             at += each.width
         splits = ", ".join(f"{self.split.count(name)} {name}" for name in dict.fromkeys(self.split))
         title = f"{plural(len(self), 'pose')}" + (f" ({splits})" if splits else "")
-        return html_table(title, ["observation", "reads", "columns", "poses"], rows, self.notes)
+        drawing = data_sketch(self.of, self.z, self.split)
+        return html_table(title, ["observation", "reads", "columns", "poses"], rows, self.notes, drawing)
 
     @property
     def only(self) -> Readings:
@@ -164,6 +166,11 @@ class Dataset:
         """At most `SOME` poses, evenly spread in their order; the data themselves where there are no more."""
         return self if len(self) <= SOME else self.take(evenly(len(self)))
 
+    @property
+    def used(self) -> Dataset:
+        """The poses that train or test."""
+        return self.take(np.array([split != "unused" for split in self.split], dtype=bool))
+
     def part(self, split: str) -> Dataset:
         """The poses of one split; the data themselves where that is all of them."""
         wanted = np.array([s == split for s in self.split], dtype=bool)
@@ -174,6 +181,11 @@ def evenly(count: int, most: int | None = None) -> NDArray[np.intp]:
     """Numbers of at most so many (`SOME`) of ``count`` poses, evenly spread in their order."""
     most = SOME if most is None else most
     return np.arange(count) if count <= most else np.linspace(0, count - 1, most).astype(np.intp)
+
+
+def unseen(count: int) -> tuple[str, ...]:
+    """Names of poses that no file and no measurement has."""
+    return tuple(f"unseen {i + 1}" for i in range(count))
 
 
 def with_random_test(data: Dataset, fraction: float, rng: np.random.Generator) -> Dataset:

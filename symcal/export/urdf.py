@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from symcal.errors import RefusedError
 from symcal.export.carries import LeftOut, check_carries
 from symcal.export.gate import check_exportable
+from symcal.export.proof import link_poses
 from symcal.outputs.whole_file import write_whole
 from symcal.robot.conventions import placements
 from symcal.robot.robot import Joint, Robot
@@ -42,7 +43,7 @@ def save_urdf(
     """
     check_exportable(robot, force)
     left = check_carries(robot, "urdf", approximate)
-    text = _text_of(robot if left is None else left.robot, left, world)
+    text = text_of(robot if left is None else left.robot, left, world)
     write_whole(path, text)
     return left
 
@@ -61,10 +62,21 @@ def urdf_text(robot: Robot, *, world: bool = False, approximate: bool = False) -
             them); it has a remainder.
     """
     left = check_carries(robot, "urdf", approximate)
-    return _text_of(robot if left is None else left.robot, left, world)
+    return text_of(robot if left is None else left.robot, left, world)
 
 
-def _text_of(robot: Robot, left: LeftOut | None, world: bool) -> str:
+def urdf_poses(folder: Path, q: Array, robot: Robot, file: str = "robot.urdf") -> Array:
+    """T_base_tool of a URDF that was written of a robot, by yourdfpy; shape (n, 4, 4), mm.
+
+    Args:
+        q: readings, rad and mm, shape (n, dof).
+    """
+    positions = {joint.name: q[:, i] * (1.0 if joint.revolute else _M) for i, joint in enumerate(robot.joints)}
+    return link_poses(folder / file, positions, "tool", "base_link")
+
+
+def text_of(robot: Robot, left: LeftOut | None, world: bool = False) -> str:
+    """The URDF of a robot whose joint terms are dealt with: ``left`` says how, in a comment."""
     for name in (robot.name, *(joint.name for joint in robot.joints)):
         if not name.isprintable():
             raise RefusedError(f"the name {name!r} holds characters that XML cannot: give it another in the robot file")

@@ -23,7 +23,7 @@ from symcal.images.copies import copies, copy_reasons
 from symcal.images.foreign import foreign_reasons
 from symcal.images.measure import flange_poses
 from symcal.images.other_cameras import other_cameras
-from symcal.images.shots import Shot, Shots, conditions_of, listed_failures
+from symcal.images.shots import Shot, Shots, conditions_of, listed_failures, with_thumbnail
 from symcal.instruments import seen_by
 from symcal.placing.agreement import FEWEST, MOUNTS, Agreement, Mount, agreement
 from symcal.placing.pairing import foreign_views
@@ -31,6 +31,7 @@ from symcal.robot.robot import Robot
 from symcal.spatial import transform
 from symcal.vision.board import BoardDetection, detect_board
 from symcal.vision.board_size import other_size
+from symcal.vision.images import thumbnail
 from symcal.words import plural
 
 Array = NDArray[np.float64]
@@ -47,13 +48,15 @@ _SEED = 1  # of the draws of the consensus: the same images always give the same
 class MeasuredBoards:
     """Image points of all images that show the board.
 
-    data: `pixels`. images: the image of each pose. detections: of each pose. failures: (image, reason) of every other.
+    data: `pixels`. images: the image of each pose. detections: of each pose. thumbnails: of each pose, as JPEG; empty
+    for some where there are very many. failures: (image, reason) of every other.
     found: what most images agree on; None where nothing could be compared. notes: what should be known about them.
     """
 
     data: Dataset
     images: tuple[str, ...]
     detections: tuple[BoardDetection, ...]
+    thumbnails: tuple[bytes, ...]
     failures: tuple[tuple[str, str], ...]
     found: Agreement | None
     notes: tuple[str, ...]
@@ -69,12 +72,14 @@ class MeasuredBoards:
 
 @dataclass(frozen=True, slots=True)
 class _View:
-    """A shot in which the board was found: its place among the shots, what was found, a digest of the grey levels."""
+    """A shot in which the board was found: its place among the shots, what was found, a digest of the grey levels, a
+    small copy."""
 
     shot: Shot
     row: int
     detection: BoardDetection
     digest: str
+    thumbnail: bytes
 
 
 def measure_boards(
@@ -110,6 +115,7 @@ def _detected(
     failures: list[tuple[str, str]] = []
     others: list[str | None] = []
     sizes: list[str] = []
+    pictured = with_thumbnail(len(shots.shots))
     for number, (shot, row) in enumerate(zip(shots.shots, shots.rows, strict=True), start=1):
         progress(f"looking for the board in image {number} of {len(shots.shots)}")
         try:
@@ -127,7 +133,8 @@ def _detected(
             _insist_on_board(others, board)
         found = detect_board(image, board, shot.name)
         if isinstance(found, BoardDetection):
-            views.append(_View(shot, row, found, hashlib.sha256(image.tobytes()).hexdigest()))
+            small = thumbnail(image) if number - 1 in pictured else b""
+            views.append(_View(shot, row, found, hashlib.sha256(image.tobytes()).hexdigest(), small))
         else:
             failures.append((shot.name, found.reason))
     if len(sizes) > 0.5 * len(shots.shots):
@@ -184,6 +191,7 @@ def _believed(
         data=_dataset([view.shot for view in measured], detections, camera, board),
         images=tuple(view.shot.name for view in measured),
         detections=detections,
+        thumbnails=tuple(view.thumbnail for view in measured),
         failures=tuple(failures),
         found=found,
         notes=tuple(notes),

@@ -20,7 +20,7 @@ from symcal.camera.camera import Camera
 from symcal.camera.target import Target
 from symcal.data.dataset import Dataset, Readings
 from symcal.errors import InputError, RefusedError
-from symcal.images.shots import Shot, conditions_of, listed_failures
+from symcal.images.shots import Shot, conditions_of, listed_failures, with_thumbnail
 from symcal.instruments import seen_by
 from symcal.kernels import batch_function
 from symcal.kinematics import chain, forward, frame_vector
@@ -29,6 +29,7 @@ from symcal.placing.camera_placement import place_camera
 from symcal.placing.registration import rigid_fit
 from symcal.robot.robot import Robot
 from symcal.vision.failures import NotDetected
+from symcal.vision.images import thumbnail
 from symcal.vision.locate import Guess, locate_target
 from symcal.vision.target import TargetDetection, detect_target
 
@@ -44,7 +45,8 @@ _FEWEST = 5  # of them that must show the target
 class MeasuredImages:
     """Image points of all images that show the target.
 
-    data: `pixels`. images: the image of each pose. detections: of each pose. failures: (image, reason) of every other.
+    data: `pixels`. images: the image of each pose. detections: of each pose. thumbnails: of each pose, as JPEG; empty
+    for some where there are very many. failures: (image, reason) of every other.
     T_world_camera, T_flange_target: of the predictions, shape (4, 4), mm. found: whether they came from the images.
     notes: what should be known about them.
     """
@@ -52,6 +54,7 @@ class MeasuredImages:
     data: Dataset
     images: tuple[str, ...]
     detections: tuple[TargetDetection, ...]
+    thumbnails: tuple[bytes, ...]
     failures: tuple[tuple[str, str], ...]
     T_world_camera: Array
     T_flange_target: Array
@@ -107,12 +110,16 @@ def _measure(
     else:
         place, mount, notes = find_camera(shots, flange, camera, target, progress)
     kept: list[tuple[Shot, TargetDetection]] = []
+    small: list[bytes] = []
+    pictured = with_thumbnail(len(shots))
     failures: list[tuple[str, str]] = []
     for number, (shot, pose) in enumerate(zip(shots, flange, strict=True), start=1):
         progress(f"measuring image {number} of {len(shots)}")
         try:
             predicted = spatial.inverse(place) @ pose @ mount
-            kept.append((shot, detect_target(camera, target, shot.load(), predicted, search_px=search_px)))
+            image = shot.load()
+            kept.append((shot, detect_target(camera, target, image, predicted, search_px=search_px)))
+            small.append(thumbnail(image) if number - 1 in pictured else b"")
         except (NotDetected, InputError) as error:
             failures.append((shot.name, error.message if isinstance(error, InputError) else str(error)))
     if not kept:
@@ -121,6 +128,7 @@ def _measure(
         data=_dataset(kept, camera, target),
         images=tuple(shot.name for shot, _ in kept),
         detections=tuple(detection for _, detection in kept),
+        thumbnails=tuple(small),
         failures=tuple(failures),
         T_world_camera=place,
         T_flange_target=mount,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.data.conditions import read_conditions
+from symcal.data.dataset import evenly
 from symcal.data.split import Split, splits
 from symcal.documents.csv_file import read_table
 from symcal.documents.table import joint_readings
@@ -18,6 +19,10 @@ from symcal.robot.robot import Robot
 from symcal.vision.images import read_image
 
 Array = NDArray[np.float64]
+
+
+THUMBNAILS = 1000
+"""Small copies of images that are kept in memory, some ten thousand bytes each; no page has room for more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +111,11 @@ def _reader(path: Path) -> Callable[[], NDArray[np.generic]]:
 def conditions_of(shots: Sequence[Shot]) -> dict[str, Array]:
     """The conditions of shots of one table, by name, shape (N,)."""
     return {name: np.array([shot.conditions[name] for shot in shots]) for name in shots[0].conditions}
+
+
+def with_thumbnail(count: int) -> frozenset[int]:
+    """Of which of so many images a small copy is kept: evenly of `THUMBNAILS` where there are more."""
+    return frozenset(evenly(count, THUMBNAILS).tolist())
 
 
 def listed_failures(failures: Sequence[tuple[str, str]]) -> str:

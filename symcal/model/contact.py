@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.errors import RefusedError
-from symcal.kernels import batch_function
+from symcal.kernels import BatchFunction, batch_function
 from symcal.model.assembled import margins_kernel
 from symcal.model.measurement import Measurement, Part, Setup
 from symcal.model.model import Model
@@ -58,16 +58,22 @@ def touched_names(measurement: Measurement, setup: Setup, q: Array) -> tuple[str
 
 
 def projected(
-    model: Model, part: Part, q: Array, x: Array, lower: Array, upper: Array, shift: Array | None = None
+    model: Model,
+    part: Part,
+    q: Array,
+    x: Array,
+    lower: Array,
+    upper: Array,
+    shift: Array | None = None,
+    kernel: BatchFunction | None = None,
 ) -> tuple[Array, Mask]:
     """Postures moved onto a constraint, shape (N, dof), and which of them came to lie on it within the limits, (N,).
 
     Args:
         q: where to begin, shape (N, dof). x: errors of all parameters. shift: where the ball is from its place, in the
-            constraint's own components, shape (N, m), mm; there when None.
+            constraint's own components, shape (N, m), mm; there when None. kernel: made before, see `_kernel`.
     """
-    assert part.contact is not None
-    kernel = batch_function(part.contact, evaluations=_STEPS * len(q))
+    kernel = kernel or _kernel(part, len(q))
     revolute = np.array([joint.revolute for joint in model.robot.joints])
     weight = np.where(revolute, 1.0, _LEVER**2)
     longest = np.where(revolute, _LONGEST, _LONGEST * _LEVER)
@@ -86,6 +92,12 @@ def projected(
         if len(moving):
             q[moving] = _moved(q[moving], c[~near], slope[~near], weight, longest, lower, upper)
     return q, met
+
+
+def _kernel(part: Part, postures: int) -> BatchFunction:
+    """A constraint and its slopes, for so many postures at a time; whoever moves several lots makes it once."""
+    assert part.contact is not None
+    return batch_function(part.contact, evaluations=_STEPS * postures)
 
 
 def _moved(q: Array, c: Array, slope: Array, weight: Array, longest: Array, lower: Array, upper: Array) -> Array:
@@ -140,6 +152,8 @@ def _postures(
     nominal = np.zeros(len(model.parameters))
     kept: list[Array] = []
     have = tried = 0
+    at_once = 2 * wanted + 50
+    kernel = None if part is None else _kernel(part, at_once)
     while have < wanted:
         if tried >= _DRAWS * max(wanted, 20) or (not have and tried >= _HOPELESS):
             name = "the free postures" if part is None else f"'{part.observation.name}'"
@@ -148,10 +162,10 @@ def _postures(
                 f"asks for, and {wanted} are needed: is its place ('near') right and within reach, and does the tool "
                 "point the right way?"
             )
-        q = draw(2 * wanted + 50)
+        q = draw(at_once)
         tried += len(q)
         if part is not None:
-            q, met = projected(model, part, q, nominal, *limits)
+            q, met = projected(model, part, q, nominal, *limits, kernel=kernel)
             q = q[met]
             q = q[upright(model, part, q)]
         if feasible is not None and len(q):

@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 from symcal.data.dataset import Dataset
 from symcal.kernels import batch_function
 from symcal.kinematics import chain, function, pose_of
+from symcal.kinematics.body import body
 from symcal.model.measurement import Setup
 from symcal.model.model import Model
 from symcal.model.observation import Observation
 from symcal.model.symbols import Symbols
 
 Array = NDArray[np.float64]
-
-_SHORT = 0.5  # mm: a segment that is never longer is not drawn
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +60,7 @@ def postures(model: Model, setup: Setup, x: Array, data: Dataset) -> Postures:
         name: (p.reshape(len(data), 3, -1).transpose(0, 2, 1) - o) @ R[:, 0]
         for name, p in zip(ends, points, strict=True)
     }
-    nodes, at = _body(frames, robot.convention == "standard")
+    nodes, at = body(frames, robot.convention == "standard")
     n = robot.dof
     before, after = frames[:, :n, :3, :], frames[:, 1 : n + 1, :3, :]
     turning = before if robot.convention == "standard" else after
@@ -80,28 +79,3 @@ def _measured(symbols: Symbols, o: Observation) -> list[ca.SX]:
             return [read.origin]
         return [symbols.point(o.target, feature, read)[0] for feature in o.features] or [read.origin]
     return [symbols.station(o.place, o.at).origin] if o.at.moves else [symbols.chain.tool[:3, 3]]
-
-
-def _body(frames: Array, standard: bool) -> tuple[Array, list[int]]:
-    """Corners of the body, shape (N, m, 3), and which of them is the origin of each frame.
-
-    A link runs along its two axes, first d then a (standard convention) or first a then d (Craig's), so that an offset
-    elbow is where the metal is and not on the chord between the frames.
-    """
-    nodes, at = [frames[:, 0, :3, 3]], [0]
-    for i in range(1, frames.shape[1]):
-        start, end = frames[:, i - 1, :3, 3], frames[:, i, :3, 3]
-        if i < frames.shape[1] - 2:  # of a link: neither flange nor tool
-            axis = frames[:, i - 1, :3, 2] if standard else -frames[:, i, :3, 2]
-            foot, other = (start, end) if standard else (end, start)
-            corner = foot + axis * np.sum((other - foot) * axis, axis=1, keepdims=True)
-            if _apart(corner, start) and _apart(corner, end):
-                nodes.append(corner)
-        if _apart(end, nodes[-1]):
-            nodes.append(end)
-        at.append(len(nodes) - 1)
-    return np.stack(nodes, axis=1), at
-
-
-def _apart(a: Array, b: Array) -> bool:
-    return bool(np.linalg.norm(a - b, axis=1).max(initial=0.0) > _SHORT)

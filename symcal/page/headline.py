@@ -13,6 +13,7 @@ from symcal.words import number, plural
 Content = Mapping[str, Any]
 
 _HELD_OUT = {"test": "held-out poses", "cross_validation": "cross-validated poses"}
+_NOMINAL = {"before": "nominal kinematics, frames fitted", "before_raw": "nominal kinematics"}
 _STATES = {
     "before_raw": "nominal, frames as given",
     "before": "nominal, frames fitted",
@@ -34,17 +35,26 @@ def headline(content: Content) -> dict[str, Any]:
         words = "No pose was held out: nothing here says how accurate the robot is at other poses."
         return {"value": None, "unit": what.unit, "words": words, "beside": [], "decision": decision}
     states = content["accuracy"][part]
-    after, before = states["after"][what.key], states["before"][what.key]
+    after = states["after"][what.key]
     words = f"rms {what.title} at {_HELD_OUT[part]}"
     beside = [
-        ["before", f"{number(before['rms'])} {what.unit}", "nominal kinematics, frames fitted"],
+        ["before", f"{number(states[_start(states)][what.key]['rms'])} {what.unit}", nominal(content)],
         ["95 % below", f"{number(after['p95'])} {what.unit}", f"of {plural(after['count'], what.counted)}"],
-        ["largest", f"{number(after['max'])} {what.unit}", "of them"],
+        ["largest", f"{number(after['max'])} {what.unit}", f"at pose {after['worst']['pose']}"],
     ]
     if states["after"].get("orientation_deg"):
         angle = states["after"]["orientation_deg"]
         beside.append(["orientation", f"{number(angle['rms'])} deg", f"rms, largest {number(angle['max'])} deg"])
     return {"value": number(after["rms"]), "unit": what.unit, "words": words, "beside": beside, "decision": decision}
+
+
+def nominal(content: Content) -> str:
+    """What is nominal before the identification."""
+    return _NOMINAL[_start(content["accuracy"][judging_part(content)])]
+
+
+def _start(states: Mapping[str, Any]) -> str:
+    return "before" if "before" in states else "before_raw"
 
 
 def ladder(content: Content) -> dict[str, Any] | None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from symcal.calibration.calibrate import Calibration
 from symcal.calibration.evaluate import Errors, evaluate_each
-from symcal.data.dataset import Dataset, evenly
+from symcal.data.dataset import Dataset, evenly, unseen
 
 Array = NDArray[np.float64]
 Comparison = Mapping[str, Mapping[str, Errors]]
@@ -29,7 +29,8 @@ class Mark:
     pose: its row among the poses. instrument: who read it. feature: number of its point. point: its name, or how many
     points there are. before, after: components of the errors in ``unit``, called ``names``. sizes: their norms (rms
     over many points). turns: of an attitude, deg; None where none was read. held_out: its error by a robot that was
-    identified without it; None where there is none. directed: whether components are those of a vector in world, mm.
+    identified without it; None where there is none. largest: of the errors that the row stands for, held out where they
+    were; None where they do not judge. directed: whether components are those of a vector in world, mm.
     """
 
     pose: int
@@ -44,7 +45,13 @@ class Mark:
     sizes: tuple[float, float]
     turns: tuple[float, float] | None
     held_out: float | None
+    largest: float | None
     directed: bool
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """Held-out errors before others, then by size."""
+        return self.held_out is not None, -1.0 if self.largest is None else self.largest
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,12 +64,10 @@ class Marks:
 
     @property
     def worst(self) -> int | None:
-        """The row of the largest held-out error; of the largest where nothing was held out."""
-        if not self.rows:
-            return None
-        held = [-1.0 if row.held_out is None else row.held_out for row in self.rows]
-        sizes = held if max(held) >= 0 else [row.sizes[1] for row in self.rows]
-        return int(np.argmax(sizes))
+        """The row with the largest held-out error, that of any training pose where nothing was held out; the one that
+        the results call the worst."""
+        at = max(range(len(self.rows)), key=lambda i: self.rows[i].rank, default=None)
+        return None if at is None or self.rows[at].largest is None else at
 
 
 def marks(calibration: Calibration, data: Dataset, errors: Comparison) -> Marks:
@@ -81,8 +86,8 @@ def marks(calibration: Calibration, data: Dataset, errors: Comparison) -> Marks:
         before, after = (evaluate_each(calibration.states[state], data.part(part)) for state in ("before", "after"))
         for name in after:
             features = next(each.features for each in data.of if each.name == name)
-            held_out = part == "test" and name in judges
-            rows += _rows(part, name, features, at, before[name], after[name], held_out=held_out)
+            own = before[name], after[name]
+            rows += _rows(part, name, features, at, *own, judges=name in judges, held_out=part == "test")
     rows.sort(key=lambda row: row.pose)
     found = errors.get("cross_validation", {}).get("after")
     if found is not None and "test" not in errors:
@@ -98,7 +103,7 @@ def judged_marks(calibration: Calibration, data: Dataset, errors: Comparison, te
         test: joint readings of the unseen poses, shape (k, dof). what: the errors are of, in place of an instrument.
     """
     bare = marks(calibration, data, {})
-    labels = (*data.labels, *(f"unseen {i + 1}" for i in range(len(test))))
+    labels = (*data.labels, *unseen(len(test)))
     poses = replace(
         data,
         q=np.vstack([data.q, test]),
@@ -113,7 +118,7 @@ def judged_marks(calibration: Calibration, data: Dataset, errors: Comparison, te
     for part, first in (("train", 0), ("test", len(data))):
         before, after = errors[part]["before"], errors[part]["after"]
         at = np.arange(first, first + int(after.pose.max()) + 1)
-        rows += _rows(part, what, (), at, before, after, held_out=part == "test")
+        rows += _rows(part, what, (), at, before, after, judges=True, held_out=part == "test")
     rows.sort(key=lambda row: row.pose)
     return _chosen(poses, rows)
 
@@ -126,6 +131,7 @@ def _rows(
     before: Errors,
     after: Errors,
     *,
+    judges: bool,
     held_out: bool,
 ) -> Iterator[Mark]:
     directed = after.unit == "mm" and after.vectors.shape[1] == 3 and after.axes == "world"
@@ -150,7 +156,8 @@ def _rows(
             after=after.vectors[own].mean(axis=0),
             sizes=(sizes[0], sizes[1]),
             turns=(angles[0], angles[1]) if angles is not None and np.isfinite(angles).all() else None,
-            held_out=sizes[1] if held_out else None,
+            held_out=sizes[1] if judges and held_out else None,
+            largest=float(after.size[own].max()) if judges else None,
             directed=directed and not many,
         )
 
@@ -176,9 +183,9 @@ def _cross_validated(rows: list[Mark], judges: set[str], data: Dataset, found: E
         elif len(held) == own[row.pose]:
             whole = held.copy()
             sizes[row.pose] = [*whole[1:], whole[0]]
-            out.append(replace(row, held_out=whole[0]))
+            out.append(replace(row, held_out=whole[0], largest=whole[0]))
         else:
-            out.append(replace(row, held_out=float(np.sqrt(np.mean(np.square(held))))))
+            out.append(replace(row, held_out=float(np.sqrt(np.mean(np.square(held)))), largest=max(held)))
     return out
 
 
@@ -186,8 +193,7 @@ def _chosen(data: Dataset, rows: list[Mark]) -> Marks:
     """At most `MOST` rows with their poses: test poses before training ones, evenly among each, and the largest."""
     count = len(rows)
     if count > MOST:
-        by_size = np.argsort([-row.sizes[1] if row.held_out is None else -1e9 - row.held_out for row in rows])
-        kept = {*by_size[:_LARGEST].tolist()}
+        kept = set(sorted(range(count), key=lambda i: rows[i].rank, reverse=True)[:_LARGEST])
         for part, most in (("test", MOST // 2), ("train", MOST - _LARGEST)):
             own = [i for i, row in enumerate(rows) if row.part == part]
             room = min(len(own), most if part == "test" else most - len(kept))

@@ -1,20 +1,16 @@
-"""Figures and images inside the page: as PNG, with as few colours as they need."""
+"""Figures inside the page: as PNG, with as few colours as they need."""
 
 from __future__ import annotations
 
 import base64
 from dataclasses import dataclass
 from io import BytesIO
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from symcal.report.render import Picture
 
 _COLORS = 128
-_THUMBNAIL = 480  # px, the longer side
-_QUALITY = 75
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,20 +36,8 @@ def embedded(picture: Picture) -> Embedded:
     few.putpalette(colors.ravel().tolist())
     stream = BytesIO()
     few.save(stream, "PNG")
-    return Embedded(picture.name, picture.title, picture.caption, _address("png", stream))
+    return Embedded(picture.name, picture.title, picture.caption, _address(stream))
 
 
-def thumbnail(pixels: NDArray[Any]) -> str:
-    """The address of a small copy of a grey or colour image."""
-    from PIL import Image
-
-    step = max(1, max(pixels.shape[:2]) // (2 * _THUMBNAIL))
-    image = Image.fromarray(np.ascontiguousarray(pixels[::step, ::step]))
-    image.thumbnail((_THUMBNAIL, _THUMBNAIL))
-    stream = BytesIO()
-    image.save(stream, "JPEG", quality=_QUALITY)
-    return _address("jpeg", stream)
-
-
-def _address(kind: str, stream: BytesIO) -> str:
-    return f"data:image/{kind};base64,{base64.b64encode(stream.getvalue()).decode('ascii')}"
+def _address(stream: BytesIO) -> str:
+    return f"data:image/png;base64,{base64.b64encode(stream.getvalue()).decode('ascii')}"

@@ -10,15 +10,11 @@ from numpy.typing import NDArray
 from symcal.calibration.calibrate import Calibration
 from symcal.calibration.evaluate import expected_position_rms
 from symcal.page.arm import postures
-from symcal.page.marks import Marks
-from symcal.plots.style import BLUE, FAINT, GREEN, INK, ORANGE, VERMILION
-from symcal.robot.robot import Robot
+from symcal.page.body import COLORS, body, five_digits, joints
+from symcal.page.marks import Mark, Marks
 
 Array = NDArray[np.float64]
 Area = tuple[Array, Array]
-
-COLORS = {"ink": INK, "faint": FAINT, "before": ORANGE, "after": BLUE, "train": GREEN, "test": VERMILION}
-"""As in all figures; shapes tell the same, for those who do not see the colours."""
 
 SAMPLES = 1500
 """Random postures of the map of predicted errors."""
@@ -38,15 +34,12 @@ def scene(calibration: Calibration, found: Marks, area: Area | None, rng: np.ran
     return {
         "colors": COLORS,
         "robot": robot.name,
-        "joints": _joints(robot),
+        "joints": joints(robot),
         "through": list(arm.joints),
         "poses": {
             "label": list(found.poses.labels),
             "split": list(found.poses.split),
-            "q": shown(robot, found.poses.q).round(3).tolist(),
-            "nodes": np.rint(arm.nodes).astype(int).tolist(),
-            "axes": _short(arm.axes),
-            "pointers": _short(arm.pointers),
+            **body(robot, arm, found.poses.q),
         },
         "marks": {
             "pose": [row.pose for row in rows],
@@ -56,37 +49,24 @@ def scene(calibration: Calibration, found: Marks, area: Area | None, rng: np.ran
             "unit": [row.unit for row in rows],
             "names": [list(row.names) for row in rows],
             "at": [np.round(p, 1).tolist() for p in at],
-            "own": [[_digits(row.before), _digits(row.after)] for row in rows],
+            "own": [[five_digits(row.before), five_digits(row.after)] for row in rows],
             "vector": [
-                [_digits(turn.T @ v) for v in (row.before, row.after)] if row.directed else None for row in rows
+                [five_digits(turn.T @ v) for v in (row.before, row.after)] if row.directed else None for row in rows
             ],
-            "size": [_digits(np.array(row.sizes)) for row in rows],
-            "turn": [None if row.turns is None else _digits(np.array(row.turns)) for row in rows],
+            "size": [five_digits(np.array(row.sizes)) for row in rows],
+            "turn": [None if row.turns is None else five_digits(np.array(row.turns)) for row in rows],
             "held": [None if row.held_out is None else float(f"{row.held_out:.5g}") for row in rows],
+            "largest": [_of_its_points(row) for row in rows],
         },
         "worst": found.worst,
         "area": _map(calibration, found, area, rng),
     }
 
 
-def shown(robot: Robot, q: Array) -> Array:
-    """Joint readings in degrees and mm."""
-    return np.asarray(q * np.where([joint.revolute for joint in robot.joints], 180 / np.pi, 1.0))
-
-
-def _joints(robot: Robot) -> list[dict[str, Any]]:
-    """Names and kinds; limits in deg or mm, None where the file has none; by how much the coordinate moves."""
-    lower, upper = shown(robot, robot.lower), shown(robot, robot.upper)
-    return [
-        {
-            "name": joint.name,
-            "kind": joint.kind,
-            "unit": "deg" if joint.revolute else "mm",
-            "limits": [float(lower[i]), float(upper[i])] if np.isfinite(upper[i] - lower[i]) else None,
-            "sense": joint.sign * joint.ratio,
-        }
-        for i, joint in enumerate(robot.joints)
-    ]
+def _of_its_points(row: Mark) -> float | None:
+    """The largest error of a row that stands for many points."""
+    size = row.sizes[1] if row.held_out is None else row.held_out
+    return float(f"{row.largest:.5g}") if row.largest is not None and row.largest > size * (1 + 1e-9) else None
 
 
 def _place(measured: dict[str, Array], nodes: Array, pose: int, instrument: str, feature: int) -> Array:
@@ -107,14 +87,4 @@ def _map(calibration: Calibration, found: Marks, area: Area | None, rng: np.rand
     free = type(found.poses)(found.poses.of, q, np.full((SAMPLES, found.poses.z.shape[1]), np.nan), (), ())
     tool = postures(model, calibration.setup, calibration.after.x, free).nodes[:, -1]
     errors = expected_position_rms(model, calibration.after, q)
-    return {"tool": np.rint(tool).astype(int).tolist(), "error": _digits(errors), "limits": area is None}
-
-
-def _short(directions: Array) -> list[Any]:
-    """Directions in hundredths."""
-    found: list[Any] = np.rint(100 * directions).astype(int).tolist()
-    return found
-
-
-def _digits(values: Array) -> list[float]:
-    return [float(f"{value:.5g}") for value in np.ravel(values)]
+    return {"tool": np.rint(tool).astype(int).tolist(), "error": five_digits(errors), "limits": area is None}

@@ -32,7 +32,7 @@ def study_content(study: Study) -> dict[str, Any]:
         "plan": plan_facts(study.certified.plan, study.setting.model.measurement),
         "order": order_facts(study.certified),
         **results.calibration_facts(certified),
-        "accuracy": _accuracy(study.simulation_2["certified"], study.setting),
+        "accuracy": _accuracy(study),
         "against": "noisy measurement",
         "nominal_pose": _nominal_pose(study.setting),
         "plans": {name: _plan(plan) for name, plan in study.plans.items()},
@@ -44,16 +44,20 @@ def study_content(study: Study) -> dict[str, Any]:
     }
 
 
-def _accuracy(found: Identified, setting: Setting) -> dict[str, Any]:
+def _accuracy(study: Study) -> dict[str, Any]:
     """The certified plan's, in the form that every run has."""
+    found, setting = study.simulation_2["certified"], study.setting
+    poses = np.arange(len(study.test))
 
-    def of(values: Array) -> dict[str, Any]:
+    def of(values: Array, *, worst: bool = False) -> dict[str, Any]:
         s = statistics(values)
-        return {"position_mm": {"mean": s.mean, "rms": s.rms, "p95": s.p95, "max": s.max, "count": s.count}}
+        facts: dict[str, Any] = {"mean": s.mean, "rms": s.rms, "p95": s.p95, "max": s.max, "count": s.count}
+        where = {"worst": results.worst_facts(values, poses, study.test.labels, "mm")} if worst else {}
+        return {"position_mm": facts | where}
 
     return {
-        "test": {"before_raw": of(found.before_measured), "after": of(found.after_measured)},
-        "truth": {"before_raw": of(setting.before_raw), "after": of(found.after_true)},
+        "test": {"before_raw": of(found.before_measured), "after": of(found.after_measured, worst=True)},
+        "truth": {"before_raw": of(setting.before_raw), "after": of(found.after_true, worst=True)},
     }
 
 

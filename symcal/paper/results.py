@@ -251,8 +251,9 @@ class Study:
     """The whole study.
 
     problem, certified: the planning problem of the experiment, and its certified plan with all that a plan says.
-    data: what was measured in Simulation II, by plan. published_true: errors against truth, shape (T,), mm, at our test
-    poses, of the robots of the paper's Tables V (`optimal`) and VI (`random`). seconds: wall time of each part.
+    data: what was measured in Simulation II, by plan. test: the noisy measurements of the test poses. published_true:
+    errors against truth, shape (T,), mm, at our test poses, of the robots of the paper's Tables V (`optimal`) and VI
+    (`random`). seconds: wall time of each part.
     """
 
     setting: Setting
@@ -264,6 +265,7 @@ class Study:
     simulation_1: SimulationOne
     simulation_2: Mapping[str, Identified]
     data: Mapping[str, Dataset]
+    test: Dataset
     repetitions: Repetitions
     gauge: Gauge
     published_true: Mapping[str, Array]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,14 +29,14 @@ def simulation_2(
     options: Options,
     solver: SimulationOneConfig,
     rng: np.random.Generator,
-) -> tuple[Mapping[str, Identified], Mapping[str, Dataset]]:
+) -> tuple[Mapping[str, Identified], Mapping[str, Dataset], Dataset]:
     """Measure and identify once on every plan; all are judged against the same noisy test data.
 
     Args:
         options: of the identification; its known noise is set to that of the simulation, its sizes hold as stated.
         solver: the paper's.
     Returns:
-        what was found, and what was measured, by plan.
+        what was found, and what was measured, by plan; and the noisy test data.
     """
     model = setting.model
     for_test, *for_plans = rng.spawn(1 + len(plans))
@@ -60,7 +61,11 @@ def simulation_2(
             unregularised_true=true_errors(setting, free),
             cramer_rao_mm=float(cramer_rao(setting, plan.poses)),
         )
-    return found, data
+    poses = setting.test_poses
+    labels = tuple(f"test {i + 1}" for i in range(len(poses)))
+    first = next(iter(data.values()))
+    test = replace(first, q=poses, z=measured, labels=labels, split=("test",) * len(poses))
+    return found, data, test
 
 
 def _norms(vectors: Array) -> Array:

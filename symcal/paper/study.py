@@ -74,7 +74,7 @@ def _run(
     with stage("simulation_1", "Simulation I"):
         first = simulation_1(setting, plans, study.simulation_1, for_first)
     with stage("simulation_2", "Simulation II"):
-        second, data = simulation_2(setting, plans, options, study.simulation_1, for_second)
+        second, data, test = simulation_2(setting, plans, options, study.simulation_1, for_second)
     with stage("repetitions", f"Simulation II, {study.repetitions} times"):
         repetitions = repeat(setting, plans, study.repetitions, for_repeat)
     with stage("gauge", "unseen directions"):
@@ -93,6 +93,7 @@ def _run(
         simulation_1=first,
         simulation_2=second,
         data=data,
+        test=test,
         repetitions=repetitions,
         gauge=unseen,
         published_true=published_errors(setting),

@@ -31,6 +31,9 @@ _AS_GOOD = 1.0001  # ratio of two rms that the data cannot tell apart
 _SAME = 1.05  # ratio of two rms that count as the same place
 _SMALL, _NOTHING, _EVALUATIONS = 1e-6, 1e-12, 60
 """A fall of the sum of squares that ends a descent, as a share of it and in itself, mm^2; evaluations at most."""
+_TIE = 1e-7
+"""Weight that holds things to where they started, mm per scale of a parameter: nothing beside readings, and all there
+is where these tell nothing. The heights of a wire's two ends, on an arm of upright axes, ran off to 6e14 mm without."""
 _WEIGHT: Mapping[str, float] = {"mm": 1.0, "rad": LEVER, "px": 1.0, "1": 1.0}
 
 
@@ -101,15 +104,18 @@ class _Descents:
         starts = [replace(self.rows, setup=each) for each in begin]
 
         def weighed(which: NDArray[np.intp], y: Array) -> Array:
-            out = np.empty((len(y), len(counted), len(index) + 1))
+            out = np.empty((len(y), len(counted) + len(index), len(index) + 1))
+            of_readings, ties = out[:, : len(counted)], out[:, len(counted) :]
+            ties[:, :, :-1], ties[:, :, -1] = _TIE * np.eye(len(index)), _TIE * y
             x = self.reference.copy()
-            for own, i, at in zip(out, which, y, strict=True):
+            for own, i, at in zip(of_readings, which, y, strict=True):
                 x[index] = at * scales[index]
                 read = [(r, jacobian) for *_, r, jacobian in starts[i].read(x)]
                 own[:, -1] = np.concatenate([r.ravel() for r, _ in read])
                 np.concatenate([j.reshape(-1, j.shape[2])[:, index] for _, j in read], out=own[:, :-1])
-            out[:, :, :-1] *= scales[index]
-            return np.where(counted[:, None] > 0, out * counted[:, None], 0.0)
+            of_readings[:, :, :-1] *= scales[index]
+            of_readings[:] = np.where(counted[:, None] > 0, of_readings * counted[:, None], 0.0)
+            return out
 
         found = minimise_many(
             weighed,
@@ -119,7 +125,7 @@ class _Descents:
             nothing=_NOTHING,
             evaluations=_EVALUATIONS,
         )
-        r = weighed(np.arange(len(begin)), found.x)[:, :, -1]
+        r = weighed(np.arange(len(begin)), found.x)[:, : len(counted), -1]
         left = np.sqrt(np.sum(r**2, axis=1) / max(np.count_nonzero(counted), 1))
         left[~found.finite | ~np.isfinite(left)] = np.inf
         return np.column_stack([left, found.x * scales[index]])

@@ -14,13 +14,14 @@ from symcal.errors import InputError, RefusedError
 from symcal.notebook import html_table
 from symcal.planning.accuracy_forecast.prediction import Prediction, predict
 from symcal.planning.accuracy_forecast.random_plans import RandomPlans, random_plans
-from symcal.planning.area import Feasible
+from symcal.planning.area import Feasible, WorkingArea
 from symcal.planning.bias_criterion import NAME, integrated_error
 from symcal.planning.certificate import Certificate, certify
 from symcal.planning.criteria import criterion as criterion_by_name
 from symcal.planning.information import PoseInformation
 from symcal.planning.methods import METHODS, Method, SearchTask, fewest_poses, improve
 from symcal.planning.optimal_design import TOLERANCE
+from symcal.planning.picture import plan_sketch
 from symcal.planning.region import TaskRegion, area_region, region_accuracy
 from symcal.planning.worst_pose import FeasibleSet, feasible_set
 from symcal.words import number, plural, rounded_down
@@ -40,7 +41,7 @@ class Plan:
     poses: shape (N, dof), rad and mm, required ones first. indices: their places in the candidates, None without
     candidates. rank: n, directions that the plan determines. sigmas: the noise that was assumed, by group.
     method, criterion, value: how it was found, and the criterion's value for it. history: (seconds, best value so far).
-    search_seconds: wall time of search and certificate.
+    search_seconds: wall time of search and certificate. area: the joint readings that were allowed.
     """
 
     poses: Array
@@ -55,12 +56,13 @@ class Plan:
     certificate: Certificate
     prediction: Prediction
     random: RandomPlans | None
+    area: WorkingArea
 
     def __len__(self) -> int:
         return len(self.poses)
 
     def _repr_html_(self) -> str:
-        """What the plan promises, and how good it is at least."""
+        """What the plan promises, how good it is at least, and how its poses use the joints."""
         rows = [
             ["directions that it determines", str(self.rank), ""],
             ["expected error, rms over the region", number(self.prediction.mean_pose_rms_mm), "mm"],
@@ -70,7 +72,7 @@ class Plan:
             ["G-efficiency", rounded_down(self.certificate.g_efficiency), ""],
         ]
         title = f"Plan of {plural(len(self), 'pose')}: {self.method}, criterion {self.criterion}"
-        return html_table(title, ["", "", "unit"], rows)
+        return html_table(title, ["", "", "unit"], rows, drawing=plan_sketch(self.poses, self.area))
 
 
 @one_thread()
@@ -197,6 +199,7 @@ def select_poses(
         certificate=certificate,
         prediction=predict(accuracy, info.posterior(poses), for_certificate),
         random=compared,
+        area=info.area,
     )
 
 

@@ -43,7 +43,7 @@ def image_residuals(calibration: Calibration, data: Dataset) -> tuple[Illustrati
     parts = [part for part in model.measurement.parts if part.staged is not None and part.observation.instrument.camera]
     if not parts:
         return ()
-    used = data.take(np.array([split != "unused" for split in data.split]))
+    used = data.used
     r = rows_of(model.measurement, used, after.setup, model.residuals).residual(after.x)
     return tuple(_of_camera(part, used, r, alone=len(parts) == 1) for part in parts if part.seen(used.z).any())
 

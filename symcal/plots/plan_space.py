@@ -12,8 +12,8 @@ from mpl_toolkits.mplot3d import proj3d  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
-from symcal.planning.camera_view import CameraView
 from symcal.planning.plan_study import PlanStudy
+from symcal.planning.surroundings import EDGES, boxes, field_of_view, planes
 from symcal.plots.style import (
     BLUE,
     FAINT,
@@ -30,7 +30,6 @@ from symcal.plots.style import (
     sheet,
 )
 from symcal.plots.touched import Thing, sign, things
-from symcal.robot.schema import Frame
 from symcal.words import fixed, listed, plural
 
 Array = NDArray[np.float64]
@@ -49,7 +48,7 @@ def plan_in_space(found: PlanStudy) -> Illustration:
     """Tool positions in driving order with the way between them, and the arm at the start and in a few of its poses."""
     planned, arm = found.planned, found.problem.arm
     poses = planned.plan.poses
-    tool = arm.motion(poses)[0]
+    tool = _tool(found)
     drawn = np.vstack([planned.start[None], poses[_apart(tool, _ARMS)]])
     touched = _touched(found)
     bodies = _down_to(arm.nodes(drawn), drawn, found, touched)
@@ -162,45 +161,35 @@ def _surroundings(axes: Any, found: PlanStudy) -> list[Array]:
     """Camera and keep-out boxes; returns their corners."""
     corners = []
     if found.problem.view is not None:
-        corners.append(_frustum(axes, found.problem.view, found.problem.arm.motion(found.planned.plan.poses)[0]))
-    for box in found.file.plan.constraints.keep_out:
-        units = found.file.units
-        frame = Frame(xyz=box.xyz, rpy=box.rpy).matrix(units.factor("mm"), units.factor("rad"))
-        half = np.array(box.size) * units.factor("mm") / 2
-        signs = np.array(list(itertools.product((-1, 1), repeat=3)))
-        cube = (signs * half) @ frame[:3, :3].T + frame[:3, 3]
-        for i, j in itertools.combinations(range(8), 2):
-            if np.sum(signs[i] != signs[j]) == 1:
-                axes.plot(*cube[[i, j]].T, color=VERMILION, linewidth=0.8, zorder=4)
-        corners.append(cube)
+        corners.append(_frustum(axes, field_of_view(found.problem.view, _tool(found))))
+    for box in boxes(found.file):
+        for i, j in EDGES:
+            axes.plot(*box.corners[[i, j]].T, color=VERMILION, linewidth=0.8, zorder=4)
+        corners.append(box.corners)
     return corners
 
 
-def _frustum(axes: Any, view: CameraView, seen: Array) -> Array:
-    """The camera's field of view out to the nearest measured target."""
-    camera, T = view.camera, view.T_world_camera
-    depth = 0.35 * float(((seen - T[:3, 3]) @ T[:3, 2]).min())
-    u, v = np.array([0, camera.width, camera.width, 0]) - 0.5, np.array([0, 0, camera.height, camera.height]) - 0.5
-    rays = np.column_stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(4)])
-    corners = depth * rays @ T[:3, :3].T + T[:3, 3]
+def _tool(found: PlanStudy) -> Array:
+    return found.problem.arm.motion(found.planned.plan.poses)[0]
+
+
+def _frustum(axes: Any, field: Array) -> Array:
+    """The camera's field of view."""
+    corners, eye = field[:4], field[4]
     for corner in corners:
-        axes.plot(*np.array([T[:3, 3], corner]).T, color=GREEN, linewidth=0.8, zorder=4)
+        axes.plot(*np.array([eye, corner]).T, color=GREEN, linewidth=0.8, zorder=4)
     axes.plot(*np.vstack([corners, corners[:1]]).T, color=GREEN, linewidth=1.0, zorder=4)
-    axes.plot(*T[:3, 3], marker="s", markersize=4, color=GREEN, zorder=5)
-    return np.vstack([corners, T[:3, 3]])
+    axes.plot(*eye, marker="s", markersize=4, color=GREEN, zorder=5)
+    return field
 
 
 def _planes(axes: Any, found: PlanStudy, low: Array, high: Array) -> None:
     """Tables and walls as patches where they cut the scene."""
-    middle, reach = 0.5 * (low + high), 0.5 * float((high - low).max())
-    for wall in found.file.plan.constraints.planes:
-        point = np.array(wall.point) * found.file.units.factor("mm")
-        normal = np.array(wall.normal) / np.linalg.norm(wall.normal)
-        across = np.linalg.svd(normal[None])[2][1:]
-        centre = middle - ((middle - point) @ normal) * normal
-        corners = centre + reach * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) @ across
-        patch = Poly3DCollection([np.clip(corners, low, high)], facecolor=VERMILION, alpha=0.07, zorder=1)
-        axes.add_collection3d(patch)
+    for wall in planes(found.file):
+        patch = wall.patch(low, high)
+        if patch is None:
+            continue
+        axes.add_collection3d(Poly3DCollection([patch], facecolor=VERMILION, alpha=0.07, zorder=1))
 
 
 def _base(axes: Any, found: PlanStudy, length: float) -> None:

@@ -16,6 +16,14 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
 from symcal.calibration.evaluate import Errors
+from symcal.colors import BLUE as BLUE
+from symcal.colors import FAINT as FAINT
+from symcal.colors import GREEN as GREEN
+from symcal.colors import INK as INK
+from symcal.colors import ORANGE as ORANGE
+from symcal.colors import PURPLE as PURPLE
+from symcal.colors import RULE as RULE
+from symcal.colors import VERMILION as VERMILION
 
 Comparison = Mapping[str, Mapping[str, Errors]]
 """Errors by part of the data (`train`, `test`, `cross_validation`, ...) and by state (`before`, `after`, ...)."""
@@ -23,10 +31,6 @@ Comparison = Mapping[str, Mapping[str, Errors]]
 _DOTS_PER_INCH = 150  # on which texts are laid out
 NARROW, WIDE = 85.0, 170.0
 """Widths of one and of two columns of a page, mm."""
-
-INK, FAINT, RULE = "#1a1a1a", "#8a8a8a", "#d9d9d9"
-BLUE, GREEN, ORANGE, VERMILION, PURPLE = "#00517F", "#008B66", "#E69F00", "#D55E00", "#CC79A7"
-"""Of [OkabeIto2008], green and blue darkened: orange, green and blue then differ by lightness alone."""
 
 FONT = "DejaVu Sans"
 """Comes with matplotlib."""

@@ -74,7 +74,7 @@ def identification_text(content: Content) -> dict[str, Any]:
         "extension": extension_text(content),
         "model_check": model_check_text(content.get("model_check")),
         "halves": halves_text(content.get("halves")),
-        "identifiability": _identifiability(content),
+        "identifiability": identifiability_text(content),
         "parameters": parameter_table(content["identification"]["parameters"], content.get("settled", {})),
         "frames": frame_table(content),
         "frames_note": frames_note(content),
@@ -183,7 +183,8 @@ def _group_label(content: Content, part: str) -> str:
 # ----------------------------------------------------------------------------------------------------- identifiability
 
 
-def _identifiability(content: Content) -> dict[str, Any]:
+def identifiability_text(content: Content) -> dict[str, Any]:
+    """What the data can see, and what they cannot."""
     seen, found = content["identifiability"], content["identification"]
     total, rank = seen["parameters"], seen["rank"]
     text = (

@@ -28,12 +28,10 @@ def percent(share: float) -> str:
     return f"{int(min(share, 0.99999) * 1000) / 10:.1f} %"
 
 
-def _main(content: Content) -> str:
+def efficiencies(content: Content) -> tuple[float | None, float, str]:
+    """Lower bounds of the efficiency by the plan's own criterion (None: none is known) and of the D-efficiency, and how
+    they are known."""
     plan = content["plan"]
-    n = plan["poses"]
-    pool = content.get("pool")
-    which = f"any {n} of the {pool} postures in the pool" if pool else f"any {n} poses"
-    which = "any other choice of as many candidates" if content["candidates"] else which
     bound, bound_d = plan["criterion_efficiency_lower_bound"], plan["d_efficiency_lower_bound"]
     proof = plan["certificate"].get("proof")
     how = "searched, not proven"
@@ -48,6 +46,16 @@ def _main(content: Content) -> str:
             bound, bound_d = proof["criterion_efficiency_lower_bound"], proof["d_efficiency_lower_bound"]
         elif proven is not None:
             how = f"searched; {percent(proven)} are proven"
+    return bound, bound_d, how
+
+
+def _main(content: Content) -> str:
+    plan = content["plan"]
+    n = plan["poses"]
+    pool = content.get("pool")
+    which = f"any {n} of the {pool} postures in the pool" if pool else f"any {n} poses"
+    which = "any other choice of as many candidates" if content["candidates"] else which
+    bound, bound_d, how = efficiencies(content)
     if plan["criterion"] == "D" or bound is None:
         text = f"These {n} poses are at least {percent(bound_d)} as good as {which} can be (D-efficiency, {how})"
         return text + ("." if plan["criterion"] == "D" else f"; for criterion {plan['criterion']} no bound is known.")

@@ -46,7 +46,7 @@ def verdict(content: Content) -> list[str]:
         *warning,
         _main(content, part),
         f"Errors are taken against the {content['against']}. Afterwards 95 % of {what.these} are below "
-        f"{number(after['p95'])} {what.unit}; the largest is {number(after['max'])} {what.unit}.",
+        f"{number(after['p95'])} {what.unit}; the largest is {number(after['max'])} {what.unit}{_where(after)}.",
     ]
     if "offsets_only" in accuracy[part]:
         offsets = _rms(content, part, "offsets_only")
@@ -86,6 +86,11 @@ def _main(content: Content, part: str) -> str:
     if after > (1 - UNCHANGED) * before and "no_gain" not in refused:
         sentence += " The identified kinematics predicts these poses no better than the nominal one."
     return sentence
+
+
+def _where(after: Mapping[str, Any]) -> str:
+    """At which pose; of results that do not say it, nothing."""
+    return f", at pose {after['worst']['pose']}" if "worst" in after else ""
 
 
 def _as_read(what: Judged) -> str:

@@ -148,7 +148,9 @@ class Robot:
         return len(self.links)
 
     def _repr_html_(self) -> str:
-        """Joints and link parameters, in deg and mm."""
+        """Joints and link parameters, in deg and mm, and what the arm looks like."""
+        from symcal.kinematics.picture import robot_sketch
+
         kinds = [kind for kind in LINK_PARAMETERS if any(kind in link.parameters for link in self.links)]
         head = ["link", "joint", "kind", "limits", *(f"{kind} {'deg' if is_angle(kind) else 'mm'}" for kind in kinds)]
         rows = []
@@ -162,7 +164,7 @@ class Robot:
             rows.append([str(i), link.joint.name, link.joint.kind, limits, *given])
         state = "nominal" if self.record is None else "calibrated"
         terms = [f"joint terms: {', '.join(sorted({term.kind for term in self.terms}))}"] if self.terms else []
-        return html_table(f"{self.name}: {self.convention} convention, {state}", head, rows, terms)
+        return html_table(f"{self.name}: {self.convention} convention, {state}", head, rows, terms, robot_sketch(self))
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:

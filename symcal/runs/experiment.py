@@ -23,7 +23,7 @@ from symcal.calibration.remainder import refined, remainder_facts, with_remainde
 from symcal.calibration.thinned import few_folds, listed_notes, thinned_notes
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile, RenderedData, SimulatedData
-from symcal.data.dataset import Dataset
+from symcal.data.dataset import Dataset, unseen
 from symcal.errors import InputError, RefusedError
 from symcal.export.results import correction_facts
 from symcal.planning.forecast_check import forecast_check
@@ -111,7 +111,7 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     notes = [*told, *notes, *_spelling(experiment.file), *measured.notes, *parallel_axes(experiment.robot), *said]
     if count:
         progress(f"cross-validating in {count} folds")
-        used = measured.take(np.array([s != "unused" for s in measured.split]))
+        used = measured.used
         notes += few_folds(used)
         try:
             refine = refined(calibration, experiment.options)
@@ -125,7 +125,9 @@ def identify_experiment(experiment: Experiment, *, data: Path | None = None, pro
     inputs = (experiment.document.path, experiment.robot_path, *found.inputs)
     instruments = results.instrument_facts(experiment.model.task, by_instrument)
     notes += worse(instruments)
-    content = _content(experiment, measured, inputs, calibration, errors, notes)
+    labels = {split: measured.part(split).labels for split in splits}
+    labels["cross_validation"] = measured.used.few().labels
+    content = _content(experiment, measured, inputs, calibration, errors, notes, labels)
     check, calibration = with_check(content, calibration, measured, experiment)
     judge_test_poses(content, calibration, measured)
     halves = with_halves(content, calibration, measured, experiment, area_of(experiment))
@@ -191,7 +193,9 @@ def _with_images(experiment: Experiment, progress: Progress) -> Outcome:
     calibration = found.calibration
     notes = [*found.notes, *optimism(found.errors)]
     inputs = (experiment.document.path, experiment.robot_path, *found.inputs)
-    content = _content(replace(experiment, model=found.model), found.data, inputs, calibration, found.errors, notes)
+    labels = {"train": found.data.labels, "test": unseen(len(found.test))}
+    own_model = replace(experiment, model=found.model)
+    content = _content(own_model, found.data, inputs, calibration, found.errors, notes, labels)
     check, calibration = with_check(content, calibration, found.data, experiment)
     halves = with_halves(content, calibration, found.data, experiment, area_of(experiment))
     content |= found.facts
@@ -251,12 +255,18 @@ def _content(
     calibration: Calibration,
     errors: Mapping[str, Mapping[str, Errors]],
     notes: Sequence[str],
+    labels: Mapping[str, Sequence[str]],
 ) -> dict[str, Any]:
+    """What results.json says of every identification.
+
+    Args:
+        labels: of the poses of each part whose worst one has a name.
+    """
     file = experiment.file
     poses: dict[str, int] = {
         split: data.split.count(split) for split in ("train", "test", "unused") if split in data.split
     }
-    accuracy: dict[str, Any] = {name: results.accuracy_facts(found) for name, found in errors.items()}
+    accuracy: dict[str, Any] = {name: results.accuracy_facts(found, labels.get(name)) for name, found in errors.items()}
     if "cross_validation" in accuracy:
         accuracy["cross_validation"]["folds"] = file.validation.folds or 5
     expected = {

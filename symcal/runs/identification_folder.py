@@ -8,8 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from numpy.typing import NDArray
-
 from symcal.config import conversion as config
 from symcal.config.conversion import FileData
 from symcal.data.saved_measurements import save_measurements
@@ -25,6 +23,7 @@ from symcal.runs.load import Experiment, named_files
 from symcal.runs.tables import HEADS, tables
 
 if TYPE_CHECKING:
+    from symcal.page import Gallery
     from symcal.plots.style import Drawing
     from symcal.report import Picture
 
@@ -98,23 +97,29 @@ def _write_page(outcome: Outcome, pictures: Sequence[Picture], path: Path) -> No
         outcome.errors,
         pictures,
         None if outcome.images is None else outcome.images.test,
-        _images_of_poses(outcome),
+        _gallery(outcome),
         area_of(outcome.experiment),
     )
     write_page(found, path)
 
 
-def _images_of_poses(outcome: Outcome) -> dict[str, NDArray[Any]]:
-    """Images that the run keeps as examples, by the pose that they show."""
-    rendered = None if outcome.images is None else outcome.images.images
-    kept = [(entry.measured, entry.examples) for entry in outcome.measured_in]
-    if rendered is not None:
-        kept.append((rendered.measured, rendered.examples))
-    found: dict[str, NDArray[Any]] = {}
-    for measured, examples in kept:
-        pose = dict(zip(measured.images, measured.data.labels, strict=True))
-        found |= {pose[example.name]: example.image for example in examples if example.name in pose}
-    return found
+def _gallery(outcome: Outcome) -> Gallery:
+    """Small images of the poses that were measured in images."""
+    from symcal.page import Gallery, Thumbnail
+
+    measured = [entry.measured for entry in outcome.measured_in]
+    if outcome.images is not None and outcome.images.images is not None:
+        measured.append(outcome.images.images.measured)
+    sessions = {o.name: o.session for o in outcome.experiment.model.task.observations}
+    found: list[Thumbnail] = []
+    for each in measured:
+        name = each.data.only.name
+        session = sessions.get(name) if len(outcome.data.of) > 1 else None
+        by = name if len(measured) > 1 else ""
+        for label, jpeg in zip(each.data.labels, each.thumbnails, strict=True):
+            found.append(Thumbnail(f"{session}/{label}" if session else label, by, jpeg))
+    kept = tuple(each for each in found if each.jpeg)
+    return Gallery(kept, len(found))
 
 
 def _drawings(outcome: Outcome) -> tuple[Drawing, ...]:

@@ -9,6 +9,7 @@ from pathlib import Path
 from symcal.config import conversion as config
 from symcal.config.conversion import ExperimentFile
 from symcal.documents.document import Document
+from symcal.errors import InputError
 from symcal.fit.options import Options
 from symcal.model.model import Model, build_model
 from symcal.robot.files import load_robot
@@ -46,3 +47,26 @@ def named_files(experiment: Experiment, data: Path | None = None) -> tuple[Path,
     """The files and folders that a run reads: the experiment, whatever it names, and data given instead of its own."""
     named = config.named_paths(experiment.file, experiment.document)
     return (experiment.document.path, experiment.robot_path, *named, *([] if data is None else [data]))
+
+
+def robot_of_plan(plan: Path, robot: Path | None = None) -> tuple[Path, Robot]:
+    """The poses of a plan and the robot that they are for.
+
+    Args:
+        plan: the folder that planning wrote, or a file of poses. robot: of poses that stand alone; otherwise it is that
+            of `experiment.resolved.yaml` beside them.
+    Raises:
+        InputError: there is no robot, or no such plan.
+    """
+    poses = plan / "plan.csv" if plan.is_dir() else plan
+    if robot is not None:
+        return poses, load_robot(robot)
+    beside = poses.parent / "experiment.resolved.yaml"
+    if not poses.is_file():
+        raise InputError("there is no plan: expected the folder that 'symcal plan' wrote, or a plan.csv", file=poses)
+    if not beside.is_file():
+        raise InputError(
+            "no experiment.resolved.yaml stands beside it: say whose poses these are", file=poses, key="--robot"
+        )
+    file, document = config.load_experiment(beside, ())
+    return poses, load_robot(config.existing(document, file.robot, ("robot",), "robot file"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -98,7 +99,7 @@ def plan_experiment(experiment: Experiment, progress: Progress = lambda _: None)
 
 
 def write(outcome: PlanOutcome, folder: Path, progress: Progress) -> None:
-    """Everything that planning leaves: numbers, plan.csv, tables, figures, report."""
+    """Everything that planning leaves: numbers, plan.csv, tables, figures, report, page."""
     experiment, found = outcome.experiment, outcome.findings
     planned, problem = found.planned, found.problem
     poses = planned.plan.poses
@@ -123,17 +124,25 @@ def write(outcome: PlanOutcome, folder: Path, progress: Progress) -> None:
         write_waypoints(folder / "tables" / "waypoints.csv", experiment.robot, planned.motion)
     if problem.candidates is not None:
         _write_choice(outcome, folder / "tables" / "candidates.csv")
-    if not (experiment.file.outputs.figures or experiment.file.outputs.report):
+    outputs = experiment.file.outputs
+    if not (outputs.figures or outputs.report or outputs.page):
         return
     from symcal.plots.plan import plan_drawings
     from symcal.plots.save import draw
-    from symcal.report import write_report
 
-    progress("drawing")
-    pictures = draw(plan_drawings(found), folder / "figures")
-    if experiment.file.outputs.report:
-        progress("writing the report")
-        write_report(outcome.content, pictures, folder / "report.pdf", "plan")
+    progress("drawing, and writing the report" if outputs.report else "drawing")
+    if outputs.report:
+        from symcal.report import write_report
+
+        report = partial(write_report, outcome.content, path=folder / "report.pdf", kind="plan")
+        pictures = draw(plan_drawings(found), folder / "figures", report)
+    else:
+        pictures = draw(plan_drawings(found), folder / "figures")
+    if outputs.page:
+        from symcal.page.plan import PlanShown, write_plan_page
+
+        progress("writing the page")
+        write_plan_page(PlanShown(outcome.content, found, experiment.model, pictures), folder / "report.html")
 
 
 def _write_choice(outcome: PlanOutcome, path: Path) -> None:

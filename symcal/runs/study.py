@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from symcal.calibration.compensation_check import POSES, Handover, hand_over, tr
 from symcal.calibration.decision import Decision
 from symcal.calibration.evaluate import Errors
 from symcal.calibration.judgement import decide_run, decided_robot
+from symcal.calibration.simulate import concatenate
 from symcal.config import conversion as config
 from symcal.data.saved_measurements import save_measurements
 from symcal.documents.document import write_document
@@ -29,7 +30,12 @@ from symcal.robot.files import save_robot
 from symcal.robot.robot import Robot
 from symcal.runs.code import with_code
 from symcal.runs.folder import require_replaceable, run_folder, write_json, write_table
+from symcal.runs.judged import area_of
 from symcal.runs.load import Experiment, named_files
+
+if TYPE_CHECKING:
+    from symcal.page import Identified
+    from symcal.report import Picture
 
 Progress = Callable[[str], None]
 
@@ -71,14 +77,19 @@ def study_experiment(experiment: Experiment, progress: Progress = lambda _: None
 def _decision(study: Study, experiment: Experiment) -> Decision:
     """Of the robot that the certified plan's measurements identified, by the study's noisy test poses."""
     found, test = study.simulation_2["certified"], study.setting.test_poses
-    poses = np.arange(len(test))
-    errors = {
-        state: Errors(sizes[:, None], poses, np.zeros_like(poses), None)
-        for state, sizes in (("before", found.before_measured), ("after", found.after_measured))
-    }
+    errors = _test_errors(study)
     tolerance = config.tolerance_of(experiment.file)
     data, options = study.data["certified"], experiment.options
     return decide_run(found.calibration, data, {"test": errors}, {}, options, tolerance, test=test)
+
+
+def _test_errors(study: Study) -> dict[str, Errors]:
+    """Sizes of the certified plan's errors against the noisy measurements of the test poses."""
+    found, poses = study.simulation_2["certified"], np.arange(len(study.test))
+    return {
+        state: Errors(sizes[:, None], poses, np.zeros_like(poses), None)
+        for state, sizes in (("before", found.before_measured), ("after", found.after_measured))
+    }
 
 
 def _handover(study: Study, seed: int) -> Handover:
@@ -101,7 +112,7 @@ def write_study(experiment: Experiment, target: Path, progress: Progress = lambd
 
 def write(outcome: StudyOutcome, folder: Path, progress: Progress = lambda _: None) -> StudyOutcome:
     """Everything that the study leaves: numbers, tables, plans, the calibrated robot and its measurements, C code,
-    figures and report.
+    figures, report and page.
 
     Returns:
         the outcome, with what became of the C code in its content.
@@ -125,19 +136,36 @@ def write(outcome: StudyOutcome, folder: Path, progress: Progress = lambda _: No
     for name, plan in study.plans.items():
         write_plan(tables / f"plan_{name}.csv", robot, plan.poses, plan.motion)
         write_waypoints(tables / f"waypoints_{name}.csv", robot, plan.motion)
-    if not (experiment.file.outputs.figures or experiment.file.outputs.report):
+    outputs = experiment.file.outputs
+    if not (outputs.figures or outputs.report or outputs.page):
         return outcome
+    from symcal.page import write_study_page
     from symcal.paper.plots import study_drawings
-    from symcal.paper.report import write_paper_report
+    from symcal.paper.report import paper_text, write_paper_report
     from symcal.plots.handover import handover_drawings
     from symcal.plots.save import draw
 
     progress("drawing")
     pictures = draw((*study_drawings(study), *handover_drawings(outcome.handover)), folder / "figures")
-    if experiment.file.outputs.report:
+    if outputs.report:
         progress("writing the report")
         write_paper_report(outcome.content, pictures, folder / "report.pdf")
+    if outputs.page:
+        progress("writing the page")
+        write_study_page(touched(outcome, pictures), paper_text(outcome.content), folder / "report.html")
     return outcome
+
+
+def touched(outcome: StudyOutcome, pictures: Sequence[Picture]) -> Identified:
+    """What the certified plan's measurements identified, for the page on which one can touch it."""
+    from symcal.page import Identified
+
+    study = outcome.study
+    train, test = study.data["certified"], study.test
+    data = replace(concatenate(train, test), labels=(*train.labels, *test.labels))
+    calibration, area = study.simulation_2["certified"].calibration, area_of(outcome.experiment)
+    errors = {"test": _test_errors(study)}
+    return Identified(outcome.content, calibration, data, errors, pictures, area=area)
 
 
 def _with_provenance(outcome: StudyOutcome) -> Robot:

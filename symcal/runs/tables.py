@@ -34,7 +34,7 @@ def tables(
     """
     parameters = [{"parameter": name, **entry} for name, entry in content["identification"]["parameters"].items()]
     accuracy = [
-        {"data": data, "state": state, "quantity": quantity, **values}
+        {"data": data, "state": state, "quantity": quantity, **{k: v for k, v in values.items() if k != "worst"}}
         for data, states in content["accuracy"].items()
         for state, quantities in states.items()
         if isinstance(quantities, dict)

@@ -102,7 +102,7 @@ def validate_robot(
         | {"refit": list(refit), "estimate": _found_in_training(robot)},
         "mistakes": mistake_facts(moved),
         "warnings": [*(each.text for each in moved), *new.notes],
-        "accuracy": {"test": results.accuracy_facts(errors)},
+        "accuracy": {"test": results.accuracy_facts(errors, new.labels)},
         "against": results.against(task),
     }
     progress("calibrating again from these alone")

@@ -22,6 +22,10 @@ BLACK_LEVEL = 16
 LARGEST = 160_000_000
 """Pixels of an image: the largest sensors have 151 million. Ours."""
 
+THUMBNAIL = 320
+"""Pixels of the longer side of a small copy: as wide as a page shows one."""
+
+_QUALITY = 70  # of 100; the graininess of an image is most of a file of more
 _FILE_LIMIT = 512 * MB
 
 
@@ -75,6 +79,15 @@ def _cut(content: bytes) -> bool:
         scan = content.rfind(b"\xff\xda")
         return scan < 0 or content.find(b"\xff\xd9", scan) < 0
     return content.startswith(b"\x89PNG\r\n\x1a\n") and b"IEND" not in content[-64:]
+
+
+def thumbnail(image: NDArray[np.generic]) -> bytes:
+    """A small copy of an image as JPEG, its longer side at most `THUMBNAIL` pixels; some ten thousand bytes."""
+    grey = np.asarray(image, dtype=np.uint8)
+    scale = min(THUMBNAIL / max(grey.shape[:2]), 1.0)
+    size = (max(round(grey.shape[1] * scale), 1), max(round(grey.shape[0] * scale), 1))
+    small = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
+    return bytes(cv2.imencode(".jpg", small, (cv2.IMWRITE_JPEG_QUALITY, _QUALITY))[1].tobytes())
 
 
 def write_image(path: Path | str, image: Image) -> None:

@@ -32,7 +32,7 @@ def distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def test_the_paper_s_tables_at_random_readings(
     libraries: tuple[CLibrary, CLibrary], paper_robot: Robot, rng: np.random.Generator
 ) -> None:
-    q = random_readings(paper_robot, rng, 100_000)
+    q = random_readings(paper_robot, rng, 20_000)
     for library, share in zip(libraries, (DOUBLE, FLOAT), strict=True):
         for name, errors in (("forward_nominal", False), ("forward", True)):
             pose = library.evaluate(name, q, 12).reshape(-1, 3, 4)
@@ -46,7 +46,7 @@ def test_the_paper_s_tables_at_random_readings(
 def test_other_robots_at_random_readings(name: str, rng: np.random.Generator, tmp_path: Path) -> None:
     one = arm(name) if name != "random" else random_robot(np.random.default_rng(11), "standard", 6)
     export = export_c(one, tmp_path / name, force=True)  # the random one was never judged
-    q = random_readings(one, rng, 100_000)
+    q = random_readings(one, rng, 20_000)
     expected, nominal = robot_pose(one, q), robot_pose(one.nominal(), q)
     for real, share in ((np.float64, DOUBLE), (np.float32, FLOAT)):
         library = build_library(export, one, tmp_path, real, ["-O1"])

@@ -285,7 +285,7 @@ def graphs(draw: st.DrawFn, *, libm: bool = True) -> ca.Function:
 
 
 @needs_compiler
-@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(graphs(), st.integers(0, 2**32 - 1))
 def test_all_backends_agree_on_any_expression(graph: ca.Function, seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -16,6 +16,8 @@ SMALL = (
     "study.repetitions=3000",
     "study.random_plans=3000",
     "study.simulation_1.draws=400",
+    "outputs.figures=false",  # test_paper_report.py draws them
+    "outputs.report=false",
 )
 
 

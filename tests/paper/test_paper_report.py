@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from page_reader import Page
 from scipy.spatial.transform import Rotation
 
 from symcal.instruments.noise import Noise
+from symcal.page.assembled import CAP
 from symcal.paper import published
-from symcal.paper.plots import study_drawings
 from symcal.paper.plots.looks import PLANS
 from symcal.paper.printed import printed_tables
 from symcal.paper.report import paper_text, write_paper_report
@@ -25,10 +26,9 @@ from symcal.paper.report.blocks import at_least, percent
 from symcal.paper.report.verdict import study_verdict
 from symcal.paper.results import Study
 from symcal.paper.surroundings import mean_norm
-from symcal.plots.save import draw
 from symcal.report import Picture
 from symcal.runs.load import load
-from symcal.runs.study import StudyOutcome, study_experiment
+from symcal.runs.study import StudyOutcome, study_experiment, write
 from symcal.words import number
 
 SMALL = (
@@ -40,6 +40,7 @@ SMALL = (
     "study.repetitions=40",
     "study.unregularised=10",
     "study.simulation_1.draws=4",
+    "outputs.c=false",
 )
 FIGURES = {3: "vision", 5: "trajectory", 6: "joint_motion", 7: "convergence", 8: "test_data", 9: "test_errors"}
 
@@ -60,15 +61,28 @@ def content(outcome: StudyOutcome) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def pictures(study: Study, tmp_path_factory: pytest.TempPathFactory) -> tuple[Picture, ...]:
-    return draw(study_drawings(study), tmp_path_factory.mktemp("paper") / "figures")
+def written(outcome: StudyOutcome, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tuple[Picture, ...]]:
+    """The folder of the study, and the pictures that its report was given."""
+    folder, given = tmp_path_factory.mktemp("paper"), []
+
+    def recorded(content: dict[str, Any], pictures: tuple[Picture, ...], file: Path) -> None:
+        given.extend(pictures)
+        write_paper_report(content, pictures, file)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("symcal.paper.report.write_paper_report", recorded)
+        write(outcome, folder)
+    return folder, tuple(given)
 
 
 @pytest.fixture(scope="module")
-def text(content: dict[str, Any], pictures: tuple[Picture, ...], tmp_path_factory: pytest.TempPathFactory) -> str:
-    path = tmp_path_factory.mktemp("paper") / "report.pdf"
-    write_paper_report(content, pictures, path)
-    return _text(path)
+def pictures(written: tuple[Path, tuple[Picture, ...]]) -> tuple[Picture, ...]:
+    return written[1]
+
+
+@pytest.fixture(scope="module")
+def text(written: tuple[Path, tuple[Picture, ...]]) -> str:
+    return _text(written[0] / "report.pdf")
 
 
 def _text(path: Path) -> str:
@@ -103,6 +117,32 @@ def test_numbers_stand_beside_the_papers(content: dict[str, Any], text: str) -> 
     for value in content["nominal_pose"]["position_mm"]:
         assert f"{value:.3f}".replace("-", "−") in text
     assert f"determine {content['gauge']['nominal']['rank']} of 15 directions" in text
+
+
+def test_its_page_is_the_certified_plans_with_the_study_below(
+    outcome: StudyOutcome, content: dict[str, Any], written: tuple[Path, tuple[Picture, ...]]
+) -> None:
+    """Its first number is the held-out one, its worst pose that of the results; what is referred to is there."""
+    folder, pictures = written
+    whole = (folder / "report.html").read_text(encoding="utf-8")
+    assert len(whole.encode()) < CAP
+    read = Page(whole)
+    found = content["accuracy"]["test"]["after"]["position_mm"]
+    assert f"{number(found['rms'])} mm rms position error at held-out poses" in read.text
+    scene = read.scene
+    assert scene["poses"]["label"][scene["marks"]["pose"][scene["worst"]]] == found["worst"]["pose"]
+    assert scene["marks"]["held"][scene["worst"]] == pytest.approx(found["max"], rel=1e-4)
+    sizes = outcome.study.simulation_2["certified"].after_measured
+    assert found["worst"]["pose"] == f"test {sizes.argmax() + 1}"
+    for block in paper_text(content)["blocks"]:
+        if block["kind"] in ("heading", "table"):
+            assert (block.get("text") or block["title"]) in read.text
+    assert all(picture.title in read.text for picture in pictures)
+    anchors = [address[1:] for address in read.addresses if address.startswith("#")]
+    assert set(anchors) <= set(read.ids)
+    assert len(set(read.ids)) == len(read.ids)
+    assert "[@" not in read.text
+    assert all(address.startswith(("data:", "#")) for address in read.addresses)
 
 
 def test_report_needs_no_picture(content: dict[str, Any], tmp_path: Path) -> None:

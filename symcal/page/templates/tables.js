@@ -38,11 +38,11 @@
     });
   }
 
-  // Words must all be in a row; `> 2` and `< 0.5` are about its last error.
+  // Words must all be in a row; `> 2` and `< 0.5` are about its last error, measured or foretold.
   const points = document.getElementById("points"), search = document.getElementById("search");
   if (!points || !search) return;
   const heads = [...points.tHead.rows[0].cells].map((head) => head.textContent);
-  const error = Math.max(heads.findIndex((h) => h.startsWith("held out")), heads.findIndex((h) => h.startsWith("after")));
+  const error = Math.max(...["held out", "after", "foretold"].map((words) => heads.findIndex((h) => h.startsWith(words))));
   const count = document.getElementById("count");
   const find = () => {
     const bounds = [], words = search.value.toLowerCase().replace(/([<>])\s*([\d.]+)/g, (_, sign, number) => {

@@ -1,4 +1,4 @@
-"""How objects show themselves in a notebook: one short table, with units, and every name escaped."""
+"""One short table, with units, and every name escaped."""
 
 from __future__ import annotations
 
@@ -9,8 +9,14 @@ MOST = 40
 """Rows that are shown; the others are counted."""
 
 
-def html_table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], notes: Iterable[str] = ()) -> str:
-    """A caption, a table and lines below it. All of it is text: what looks like markup is shown as it is."""
+def html_table(
+    title: str, head: Sequence[str], rows: Iterable[Sequence[str]], notes: Iterable[str] = (), drawing: str = ""
+) -> str:
+    """A caption, a table and lines below it. All of it is text: what looks like markup is shown as it is.
+
+    Args:
+        drawing: shown below, as `symcal.notebook.drawing` makes it.
+    """
     body = list(rows)
     notes = list(notes)
     if len(body) > MOST:
@@ -19,6 +25,7 @@ def html_table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], n
     parts += [_row("td", cells) for cells in body[:MOST]]
     parts.append("</table>")
     parts += [f"<p>{escape(note)}</p>" for note in notes]
+    parts.append(drawing)
     return "".join(parts)
 
 

@@ -43,10 +43,10 @@ from symcal.model.observation import Observation
 from symcal.model.soundness import insist_on_values
 from symcal.model.task import Task
 from symcal.parameters import check_size
-from symcal.robot.given import GIVEN, GIVEN_FILE, NO_JOINTS, is_given
+from symcal.robot.given import GIVEN_FILE, NO_JOINTS, is_given
 from symcal.robot.robot import Robot
 from symcal.solvers.least_squares import Tolerances
-from symcal.words import is_term_number
+from symcal.words import GIVEN, is_term_number
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,9 @@ from symcal.documents.document import Document, Key
 from symcal.documents.table import Table
 from symcal.errors import InputError
 from symcal.readers.streams import Matching
-from symcal.robot.given import GIVEN, NO_JOINTS, is_given
+from symcal.robot.given import NO_JOINTS, is_given
 from symcal.robot.robot import Robot
+from symcal.words import GIVEN
 
 
 def existing(document: Document, path: str, key: Key, what: str) -> Path:

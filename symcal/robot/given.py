@@ -15,11 +15,10 @@ from symcal import spatial
 from symcal.documents.table import Table
 from symcal.robot.robot import Robot
 from symcal.units import ANGLE, LENGTH
+from symcal.words import GIVEN
 
 Array = NDArray[np.float64]
 
-GIVEN = "given_poses"
-"""Name of the robot, and what an experiment says instead of a file."""
 GIVEN_FILE = Path(__file__).with_name(f"{GIVEN}.yaml")
 NO_JOINTS = "pairs of poses hold no joint readings: hand-eye and other frames only, no kinematics"
 

@@ -171,8 +171,8 @@ def import_(
         str | None, typer.Option("--arm", metavar="NAME", help="arm of the list that a UR calibration is of, as ur5e")
     ] = None,
     angles: Annotated[
-        str, typer.Option("--angles", help="how six frames mean roll, pitch, yaw: ur_calibration or urdf")
-    ] = "ur_calibration",
+        str | None, typer.Option("--angles", help="how six frames mean roll, pitch, yaw: ur_calibration or urdf")
+    ] = None,
     out: Annotated[Path | None, typer.Option("--out", metavar="YAML", help="robot file [robot.yaml]")] = None,
 ) -> None:
     """Read a URDF chain, or a factory calibration of Universal Robots, as a robot file."""
@@ -202,7 +202,7 @@ def import_(
     terminal.output().print(f"written to {escape(str(place))}")
 
 
-def _calibrated_ur(file: Path, arm: str | None, angles: str) -> tuple[Robot, str]:
+def _calibrated_ur(file: Path, arm: str | None, angles: str | None) -> tuple[Robot, str]:
     """The robot of a factory calibration of Universal Robots, and what is to be said of it."""
     from symcal.errors import InputError
     from symcal.robot.arms import arm_file
@@ -215,9 +215,10 @@ def _calibrated_ur(file: Path, arm: str | None, angles: str) -> tuple[Robot, str
             message = "a calibration.conf says what is added to the nominal arm: say which that is, as --arm ur5e"
             raise InputError(message, key="--arm")
         return load_calibration_conf(file, nominal), ""
-    if angles not in ANGLES:
+    order = next((each for each in ANGLES if each == angles), None)
+    if angles is not None and order is None:
         raise InputError("no such order of angles", key="--angles", found=angles, allowed=ANGLES)
-    return load_six_frames(file, "urdf" if angles == "urdf" else "ur_calibration", nominal), order_matters(file)
+    return load_six_frames(file, order, nominal), order_matters(file)
 
 
 def schema(

@@ -72,8 +72,8 @@ def read_table(
     canonical = canonical_names(path, head_line, header, columns or {})
     kept = tuple(tuple(cells[i]) for i in named)
     sign, notes = (decimal, ()) if decimal else found_decimal(path, canonical, kept)
-    if delimiter is None and separator == ";":
-        notes = ("the cells of the file are separated by ';', as its header says", *notes)
+    if notes and delimiter is None and separator != ",":
+        notes = (f"the cells of the file are separated by {separator!r}, as its header says", *notes)
     return Table(path, canonical, kept, _joined(places), head_line, sign, hidden, notes=notes)
 
 

@@ -37,6 +37,8 @@ FRAMES = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 _JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 _DELTAS = {"delta_theta": "theta", "delta_a": "a", "delta_d": "d", "delta_alpha": "alpha"}
 _MM = 1000.0
+_OURS = "# kinematics written by symcal"
+"""How the six frames begin that `symcal.export` writes."""
 _POSTURES = 200
 ANGLES: tuple[Angles, Angles] = ("ur_calibration", "urdf")
 
@@ -83,17 +85,19 @@ def load_calibration_conf(path: Path | str, arm: Robot) -> Robot:
     return _short(f"{arm.name}_calibrated", arm.joints, placements(far), arm)
 
 
-def load_six_frames(path: Path | str, angles: Angles = "ur_calibration", arm: Robot | None = None) -> Robot:
+def load_six_frames(path: Path | str, angles: Angles | None = None, arm: Robot | None = None) -> Robot:
     """The robot of the six frames that `ur_calibration` writes.
 
     Args:
-        angles: how roll, pitch and yaw are meant; see this file's head. arm: whose joint names and limits are taken.
+        angles: how roll, pitch and yaw are meant; see this file's head. None: as URDF reads them in a file of ours,
+            which says so, and else as `ur_calibration` writes them. arm: whose joint names and limits are taken.
     Raises:
         InputError: not such a file, or an arm of other joints.
     """
     if arm is not None and [joint.revolute for joint in arm.joints] != [True] * 6:
         raise InputError("six frames are those of an arm of six revolute joints", key="--arm", found=arm.name)
     found = validate(read_document(path), _SixFrames).kinematics
+    angles = angles or ("urdf" if read_text(path, MB).startswith(_OURS) else "ur_calibration")
     frames = []
     for name in FRAMES:
         own = getattr(found, name)

@@ -82,6 +82,9 @@ def test_sheets_identify_as_their_csv_twin(
     assert "data.xlsx" in str(found["xlsx"]["inputs"])
     records = [sc.load_robot(tmp_path / name / "calibrated.yaml").record for name in ("csv", "xlsx", "ods")]
     assert records[0].errors == records[1].errors == records[2].errors
+    # a sheet judges too, read by the names and the sheet that the calibration was read by
+    code, _, err = symcal("validate", tmp_path / "xlsx" / "calibrated.yaml", "--data", tmp_path / "data.xlsx")
+    assert code == 0, err
     for each in records[1:]:
         np.testing.assert_array_equal(each.covariance, records[0].covariance)
 

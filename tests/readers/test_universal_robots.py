@@ -235,6 +235,16 @@ def test_a_calibration_is_imported(tmp_path: Path, symcal: Call) -> None:
     assert not (tmp_path / "c.yaml").exists()
 
 
+def test_six_frames_that_were_exported_are_read_back(tmp_path: Path, symcal: Call) -> None:
+    arm, deltas = DELTAS[2]
+    robot = load_calibration_conf(write_conf(tmp_path / "calibration.conf", deltas), sc.load_robot(arm_file(arm)))
+    sc.save_robot(robot, tmp_path / "robot.yaml")
+    assert symcal("export", tmp_path / "robot.yaml", "--to", "ur", "--out", tmp_path)[0] == 0
+    assert symcal("import", tmp_path / "ur_kinematics.yaml", "--arm", arm, "--out", tmp_path / "back.yaml")[0] == 0
+    q = np.random.default_rng(4).uniform(-3, 3, (200, 6))
+    np.testing.assert_allclose(ours(sc.load_robot(tmp_path / "back.yaml"), q), ours(robot, q), rtol=0, atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message", "line"),
     [

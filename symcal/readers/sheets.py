@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from xml.parsers import expat
 from zipfile import ZipFile
 
 from symcal.documents.csv_file import canonical_names, check_header
@@ -115,19 +116,30 @@ _OLD = b"\xd0\xcf\x11\xe0"  # of .xls, whose sheets are small
 
 
 def _insist_on_size(path: Path, content: bytes) -> None:
-    """Refuse what would take all memory to read: the library makes room for every cell up to the last one.
+    """Refuse what would take all memory to read, or all time: the library makes room for every cell up to the last one,
+    and looks for the end of what has none.
 
     Raises:
-        InputError: too much is packed in the file, or a sheet reaches too far.
+        InputError: too much is packed in the file, a sheet reaches too far, or a part is no XML.
     """
     with ZipFile(BytesIO(content)) as packed:
         if sum(each.file_size for each in packed.infolist()) > _LIMIT:
             raise InputError(f"more than {_LIMIT // MB} MB are packed in the file", file=path)
         for name in packed.namelist():
+            if name.endswith((".xml", ".rels")):
+                _insist_on_xml(path, name, packed.read(name))
             if re.fullmatch(r"xl/worksheets/[^/]+\.xml", name):
                 _check_reach(path, _reach(packed.read(name)))
             elif name == "content.xml":
                 _check_reach(path, _repeated(packed.read(name)))
+
+
+def _insist_on_xml(path: Path, name: str, content: bytes) -> None:
+    try:
+        expat.ParserCreate().Parse(content, True)
+    except expat.ExpatError as error:
+        what = expat.errors.messages[error.code]
+        raise InputError(f"the file is damaged: its part {name} is not valid XML: {what}", file=path) from None
 
 
 def _check_reach(path: Path, cells: int) -> None:

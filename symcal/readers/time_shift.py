@@ -12,6 +12,7 @@ Array = NDArray[np.float64]
 LONGEST = 5.0
 """s: larger shifts are not looked for."""
 _MOST = 40_000  # times of the grid
+_STEPS = 500  # to the longest shift
 _CONVINCING = 0.5  # correlation of speeds
 _LEAST = 50  # times in common
 _ALIKE = 0.03  # of the correlation: moves that take equally long go together at several shifts, and the least is meant
@@ -37,7 +38,7 @@ def found_shift(t: Array, speed: Array, other_t: Array, other: Array, longest: f
     """
     if min(len(t), len(other_t)) < _LEAST:
         return None
-    step = max(float(np.median(np.diff(t))), float(np.median(np.diff(other_t))), 1e-4)
+    step = max(float(np.median(np.diff(t))), float(np.median(np.diff(other_t))), longest / _STEPS)
     begin, end = max(t[0], other_t[0]) - longest, min(t[-1], other_t[-1]) + longest
     step = max(step, (end - begin) / _MOST)
     grid = np.arange(max(begin, t[0]), min(end, t[-1]), step)

@@ -154,6 +154,7 @@ def test_trajectories_are_matched_as_bags_are(
     assert np.abs(numbers(found)[:, 6:9] - seen[:, :3]).max() < 5e-5
 
 
+@pytest.mark.long
 def test_a_trajectory_identifies(tmp_path: Path, robot: sc.Robot, model: sc.Model, symcal: Call) -> None:
     recording = record(model, 20)
     write_euroc(tmp_path / "a.csv", recording)

@@ -83,6 +83,7 @@ def test_a_pattern_identifies_as_the_whole_does(tmp_path: Path, arm: sc.Robot, c
     assert set(map(str, records[0].provenance["inputs"])) >= {"day0.csv", "day1.csv", "day2.csv"}
 
 
+@pytest.mark.long
 def test_every_file_may_be_a_session_with_a_place_of_its_own(
     tmp_path: Path, arm: sc.Robot, configs: Path, symcal: Call
 ) -> None:

@@ -177,7 +177,7 @@ def test_the_tool_is_where_calibration_conf_puts_it(tmp_path: Path, arm: str, de
     nominal = sc.load_robot(arm_file(arm))
     robot = load_calibration_conf(write_conf(tmp_path / "calibration.conf", deltas), nominal)
     sc.save_robot(robot, tmp_path / "robot.yaml")
-    q = np.random.default_rng(1).uniform(-np.pi, np.pi, (1000, 6))
+    q = np.random.default_rng(1).uniform(-np.pi, np.pi, (400, 6))
     expected = np.array([tool(arm, deltas, row) for row in q])
     for found in (ours(robot, q), ours(sc.load_robot(tmp_path / "robot.yaml"), q)):
         assert np.linalg.norm(found[:, :3, 3] - expected[:, :3, 3] * 1000, axis=1).max() < 1e-6
@@ -194,7 +194,7 @@ def test_the_tool_is_where_calibration_conf_puts_it(tmp_path: Path, arm: str, de
 def test_the_tool_is_where_six_frames_put_it(tmp_path: Path, arm: str, deltas: dict[str, list[float]]) -> None:
     frames = corrected(arm, deltas)
     path = write_frames(tmp_path / "my_robot.yaml", frames)
-    q = np.random.default_rng(2).uniform(-np.pi, np.pi, (1000, 6))
+    q = np.random.default_rng(2).uniform(-np.pi, np.pi, (400, 6))
     t = np.tile(np.eye(4), (len(q), 1, 1))
     for i, frame in enumerate(frames):
         t = t @ frame @ np.array([rz(angle) for angle in q[:, i]])
@@ -235,6 +235,7 @@ def test_a_calibration_is_imported(tmp_path: Path, symcal: Call) -> None:
     assert not (tmp_path / "c.yaml").exists()
 
 
+@pytest.mark.long
 def test_six_frames_that_were_exported_are_read_back(tmp_path: Path, symcal: Call) -> None:
     arm, deltas = DELTAS[2]
     robot = load_calibration_conf(write_conf(tmp_path / "calibration.conf", deltas), sc.load_robot(arm_file(arm)))

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
+from init_pairs import tried
+from scipy.spatial.transform import Rotation
 
 from symcal.config.conversion import load_experiment
 from symcal.data.measurement_file import load_measurements
+from symcal.drafts.cell import cell
 from symcal.drafts.instrument import DRAFTS, draft_named
+from symcal.drafts.robot_file import of_arm
 from symcal.errors import InputError
 from symcal.images.shots import read_shots
-from symcal.robot.arms import arm_file
+from symcal.robot.arms import arm_file, arm_names
 from symcal.robot.files import load_robot
 from symcal.robot.urdf import load_urdf
 
@@ -42,8 +48,10 @@ def made(symcal, folder: Path, arm: str, instrument: str) -> Path:
     return folder / "first"
 
 
-@pytest.mark.parametrize("instrument", DRAFTS)
-@pytest.mark.parametrize("arm", ["ur5e", "scara"])
+@pytest.mark.parametrize(
+    ("arm", "instrument"),
+    [("ur5e", name) for name in DRAFTS] + [("scara", name) for name in DRAFTS if name != "fixed-camera"],
+)
 def test_what_is_written_is_checked_and_its_table_is_read(symcal, tmp_path, arm, instrument):
     folder = made(symcal, tmp_path, arm, instrument)
     code, out, err = symcal("check", folder / "experiment.yaml")
@@ -87,6 +95,61 @@ def test_a_urdf_is_the_same_arm(symcal, tmp_path):
     ours, theirs = load_robot(folder / "robot.yaml"), load_urdf(tmp_path / "scara.urdf", "base", "tip")
     assert ours.parameters == pytest.approx(theirs.parameters, abs=1e-12)
     np.testing.assert_allclose(ours.tool, theirs.tool, atol=1e-9)
+
+
+def test_an_arm_whose_tool_hangs_down_is_refused_a_camera_that_would_not_see_it(symcal, tmp_path):
+    code, _, err = symcal("init", "--arm", "denso_hsr065", "--instrument", "fixed-camera")
+    assert code == 1
+    assert "the tool of 'denso_hsr065' cannot point level and away from the arm" in err
+    assert err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arm", "instrument"), [("denso_hsr065", "board"), ("denso_hsr065", "socket"), ("ur5e", "board")]
+)
+def test_a_pair_is_ready_for_a_plan(tmp_path, arm, instrument):
+    """Short form of `python tests/init_pairs.py`; the tool of this SCARA has its z axis up, into the arm."""
+    found = tried(of_arm(arm), DRAFTS[instrument], tmp_path)
+    assert not found.refused
+    assert found.seen >= 8
+    assert found.share > 0.1
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("instrument", DRAFTS)
+@pytest.mark.parametrize("arm", arm_names())
+def test_every_pair_is_ready_for_a_plan_or_refused(tmp_path, arm, instrument):
+    found = tried(of_arm(arm), DRAFTS[instrument], tmp_path)
+    assert "cannot point" in found.refused if found.refused else found.share > 0.1
+
+
+def test_a_camera_in_the_hand_looks_down_at_its_board_and_a_standing_one_stands_upright():
+    ur5e, scara = (load_robot(arm_file(name)) for name in ("ur5e", "denso_hsr065"))
+    for robot in (ur5e, scara):
+        board = frame(cell(robot, DRAFTS["board"]).places["place"])
+        assert board[2, 2] < -0.9  # z into the board: it is seen from above
+        assert board[2, 3] < 150.0
+    camera = frame(cell(ur5e, DRAFTS["fixed-camera"]).places["place"])
+    assert camera[2, 1] < -0.9  # y down in its images
+
+
+def frame(text: str) -> np.ndarray:
+    said = yaml.safe_load(text)
+    turn = Rotation.from_euler("xyz", said["rpy"], degrees=True).as_matrix()
+    return np.block([[turn, np.array(said["xyz"])[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]])
+
+
+def test_a_plan_with_a_board_is_chosen_from_a_sample(symcal, tmp_path):
+    folder = made(symcal, tmp_path, "ur5e", "board")
+    small = ("sample=150", "random=0", "poses=12")
+    options = [word for each in small for word in ("--set", f"plan.{each}")]
+    quick = ("--set", "outputs.report=false", "--set", "outputs.figures=false")
+    code, _, err = symcal("plan", folder / "experiment.yaml", *options, *quick, "--out", "planned")
+    assert (code, err) == (0, "")
+    found = json.loads((tmp_path / "planned" / "results.json").read_text())
+    assert found["plan"]["certificate"]["exhaustive"]
+    assert (found["pool"] >= 150, found["touching"], found["promise"]) == (True, False, None)
 
 
 def test_a_plan_works_at_once(symcal, tmp_path):

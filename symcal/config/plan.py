@@ -148,11 +148,15 @@ class CameraConstraint(Strict):
 
 
 class ViewLimits(Strict):
-    """What the measurement's own camera can measure: as of a `CameraConstraint`."""
+    """What the measurement's own camera can measure: as of a `CameraConstraint`.
+
+    whole: boards that count in part, too, are to be seen as a whole.
+    """
 
     margin_px: _NotNegative = 30.0
     depth: _Pair | None = None
     incidence: _Positive | None = None
+    whole: bool = False
 
 
 class KeepOutBox(Strict):
@@ -250,8 +254,10 @@ class PlanConfig(Strict):
     of poses (or measurements) to choose from. distance: between any two poses, in units of the working area.
     random: random plans to compare with. prove: prove how good the plan is, instead of searching for better ones, where
     that is possible. compare: further methods whose efficiency over time is reported.
-    sample: poses that stand for the feasible set. instruments: sets of them, by their names, that are compared at the
-    plan's poses; each alone and all together unless named.
+    sample: poses that stand for the feasible set. among: choose from any pose of the `area`, or from the `sample`
+    alone, which is quick where information is costly; nothing is then foretold of other numbers of poses.
+    instruments: sets of them, by their names, that are compared at the plan's poses; each alone and all together unless
+    named.
     """
 
     method: MethodName | None = None
@@ -277,3 +283,4 @@ class PlanConfig(Strict):
     compare: list[MethodName] = []
     promise: PromiseConfig = PromiseConfig.model_construct()
     sample: Annotated[int, Field(ge=100, le=MOST)] = 5000
+    among: Literal["area", "sample"] = "area"

@@ -16,17 +16,34 @@ from symcal import spatial
 from symcal.camera.board import Board, parse_board
 from symcal.drafts.instrument import Draft
 from symcal.drafts.posture import Posture, posture
+from symcal.errors import RefusedError
+from symcal.planning.area import halton
 from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
+View = Callable[[Array], Array]
+"""T_camera_board of a board's centre, (N, 4, 4), mm, by postures (N, dof)."""
 
 BOARD = "charuco:9x6:28mm:20mm:DICT_4X4_50"
 """Fits on A4."""
 
-_CAMERA = spatial.transform(np.eye(3), np.array([0.0, -60.0, 40.0]))  # T_tool_camera of the templates
+_CAMERA = np.array([0.0, -60.0, 40.0])  # from the tool, where its z axis points out of the flange
 _AWAY = {"down": 400.0, "outward": 700.0}  # mm: of the board from the camera
-_BALL = np.array([0.0, 0.0, 120.0])  # of the templates, in the tool frame
+_NEAREST = 300.0  # mm: of the same, where the arm cannot lift the camera so high above its base
+_BALL = np.array([0.0, 0.0, 120.0])  # as the camera
+_POINT, _HIGH = (
+    np.array([60.0, 0.0, 40.0]),
+    np.array([60.0, 0.0, 80.0]),
+)  # as the camera: of reflector or hook; of a gauge
 _OFF_AXIS, _TILT = np.deg2rad(12.0), np.deg2rad(25.0)  # of a board, by one joint: its direction, its tilt
+_VIEW = np.array([600.0, 320.0]) / 925.0  # x/z and y/z of the camera in first files, 40 px from its border
+_SHARE, _EVEN, _LESS = (
+    0.15,
+    2000,
+    0.9,
+)  # least share of an area that sees all of a board, of so many postures; shrinking
+_QUARTER = np.pi / 2  # rad: turns of a joint beyond that are for nobody's cable
+_ASKEW = np.pi / 4  # rad: a tool that misses its direction by more points elsewhere
 _NEARER = 0.25  # or farther by this share of its distance
 _STEPS = np.linspace(0.0, np.pi / 2, 91)  # by which joints are moved, rad, to see where a board stays in view
 _FLAT = np.deg2rad(15.0)  # a board that is nearer to level than this is laid flat
@@ -46,14 +63,26 @@ class Cell:
 
 
 def cell(robot: Robot, draft: Draft) -> Cell:
-    """The guesses for an arm and an instrument."""
-    if draft.turn is None:
-        height = _AWAY["down"] + _CAMERA[2, 3] if draft.facing == "down" else None  # with the board on the table
-        home = posture(robot, draft.facing, height)
-        places, view = _seen(home, draft, parse_board(BOARD))
-        return Cell(home, _in_view(robot, home, view), places)
-    home = posture(robot, draft.facing)
-    return Cell(home, _around(robot, home, np.deg2rad(draft.turn)), _PLACES.get(draft.name, _nothing)(home))
+    """The guesses for an arm and an instrument.
+
+    Raises:
+        RefusedError: the instrument needs a tool that points where this arm's cannot.
+    """
+    if draft.view is None:
+        home = posture(robot, draft.facing)
+        return Cell(
+            home, _around(robot, home, np.deg2rad(draft.turn)), _held(home) | _PLACES.get(draft.name, _nothing)(home)
+        )
+    height = _AWAY["down"] + _CAMERA[2] if draft.facing == "down" else None  # with the board on the table
+    home = posture(robot, draft.facing, height)
+    if draft.facing == "outward" and home.missed > _ASKEW:
+        raise RefusedError(
+            f"the tool of '{robot.name}' cannot point level and away from the arm, and a board on it would not face a "
+            "camera that stands there: '--instrument board' has the camera in the hand"
+        )
+    board = parse_board(BOARD)
+    places, view = _seen(home, draft, board)
+    return Cell(home, _in_view(robot, home, view, board, draft.view), places)
 
 
 # ---------------------------------------------------------------------------------------------------- joint ranges
@@ -78,8 +107,9 @@ def _rounded(robot: Robot, home: Posture, lower: Array, upper: Array) -> Array:
     return np.column_stack([np.maximum(low, least), np.minimum(high, most)])
 
 
-def _in_view(robot: Robot, home: Posture, view: Callable[[Array], Array]) -> Array:
-    """How far each joint alone may move before a board, T_camera_board of postures (N, dof), leaves the view."""
+def _in_view(robot: Robot, home: Posture, view: View, board: Board, times: float) -> Array:
+    """How far each joint alone may move before a board leaves the view; and up to ``times`` as far, if the whole board
+    is still seen in a fair share of such an area."""
     first = view(home.q[None])[0]
     ends = []
     for sign in (-1.0, 1.0):
@@ -90,9 +120,25 @@ def _in_view(robot: Robot, home: Posture, view: Callable[[Array], Array]) -> Arr
             inside = (q[:, i] >= home.lower[i] - 1e-9) & (q[:, i] <= home.upper[i] + 1e-9)
             good = inside & _kept(view(q), first)
             reach[i] = q[len(good) - 1 if good.all() else max(int(np.argmin(good)) - 1, 0), i]
-        ends.append(reach)
-    least = np.array([np.deg2rad(5.0) if joint.revolute else 20.0 for joint in robot.joints])
-    return _rounded(robot, home, np.minimum(ends[0], home.q - least), np.maximum(ends[1], home.q + least))
+        ends.append(np.abs(reach - home.q))
+    turns = np.array([joint.revolute for joint in robot.joints])
+    least, most = np.where(turns, np.deg2rad(5.0), 20.0), np.where(turns, _QUARTER, np.inf)
+    even = halton(_EVEN, robot.dof)
+    while True:
+        below, above = (np.minimum(times * np.maximum(end, least), most) for end in ends)
+        area = _rounded(robot, home, home.q - below, home.q + above)
+        lower, upper = np.where(turns, np.deg2rad(area.T), area.T)
+        if times <= 1.0 or np.mean(_whole(view(lower + even * (upper - lower)), board)) >= _SHARE:
+            return area
+        times *= _LESS
+
+
+def _whole(seen: Array, board: Board) -> NDArray[np.bool_]:
+    """Whether all inner corners of a board, T_camera_board (N, 4, 4) of its centre, are in the image."""
+    x, y = np.array([board.columns - 2, board.rows - 2]) * board.square / 2
+    corners = np.array([[-x, -y, 0.0], [x, -y, 0.0], [-x, y, 0.0], [x, y, 0.0]])
+    points = corners @ seen[:, :3, :3].swapaxes(1, 2) + seen[:, None, :3, 3]
+    return np.asarray((np.abs(points[:, :, :2]) < _VIEW * points[:, :, 2:]).all(axis=(1, 2)))
 
 
 def _kept(seen: Array, first: Array) -> Array:
@@ -106,26 +152,44 @@ def _kept(seen: Array, first: Array) -> Array:
 # --------------------------------------------------------------------------------------------------------------- places
 
 
-def _seen(home: Posture, draft: Draft, board: Board) -> tuple[dict[str, str], Callable[[Array], Array]]:
+def _held(home: Posture) -> dict[str, str]:
+    """What is on the tool, in the tool frame or one that is turned out of the flange."""
+    out = np.array([1.0, 1.0, home.outward])
+    turned = (
+        ""
+        if home.outward > 0
+        else "\n    place: {rpy: [180, 0, 0]}    # turned, so that its z points out of the flange"
+    )
+    return {"point": numbers_text(out * _POINT), "high": numbers_text(out * _HIGH), "turned": turned}
+
+
+def _seen(home: Posture, draft: Draft, board: Board) -> tuple[dict[str, str], View]:
     """The places of camera and board, and T_camera_centre of the board's centre by postures."""
     middle = spatial.transform(np.eye(3), np.array([board.columns, board.rows, 0.0]) * board.square / 2)
-    ahead = spatial.transform(np.eye(3), np.array([0.0, 0.0, _AWAY[draft.facing]]))
     if draft.facing == "down":  # the camera rides on the tool
-        place = _round_frame(_level(home.tool() @ _CAMERA @ ahead) @ spatial.inverse(middle))
+        flange = spatial.rpy_matrix(np.array([0.0 if home.outward > 0 else np.pi, 0.0, 0.0]))
+        hand = spatial.transform(flange, flange @ _CAMERA)
+        first = home.tool() @ hand
+        away = float(np.clip(first[2, 3], _NEAREST, _AWAY["down"]))
+        place = _round_frame(_level(first @ _ahead(away)) @ spatial.inverse(middle))
 
         def from_hand(q: Array) -> Array:
-            return np.asarray(np.linalg.inv(home.arm.tool(q) @ _CAMERA) @ place @ middle)
+            return np.asarray(np.linalg.inv(home.arm.tool(q) @ hand) @ (place @ middle))
 
-        return {"board": BOARD, "place": frame_text(place)}, from_hand
+        return {"board": BOARD, "place": frame_text(place), "hand": frame_text(hand)}, from_hand
     turned = spatial.rpy_matrix(np.array([np.pi, 0.0, 0.0]))
     mount = spatial.transform(turned, np.round([-middle[0, 3], middle[1, 3], 20.0]))
-    camera = _round_frame(home.tool() @ mount @ middle @ spatial.inverse(ahead))
+    camera = _round_frame(_upright(home.tool() @ mount @ middle @ spatial.inverse(_ahead(_AWAY["outward"]))))
 
     def from_stand(q: Array) -> Array:
         return np.asarray(np.linalg.inv(camera) @ home.arm.tool(q) @ mount @ middle)
 
     places = {"board": BOARD, "place": frame_text(camera), "mount": numbers_text(mount[:3, 3])}
     return places, from_stand
+
+
+def _ahead(away: float) -> Array:
+    return spatial.transform(np.eye(3), np.array([0.0, 0.0, away]))
 
 
 def _wire(home: Posture) -> dict[str, str]:
@@ -172,7 +236,7 @@ _PLACES: Mapping[str, Callable[[Posture], dict[str, str]]] = {
 
 def _ball(home: Posture) -> Array:
     tool = home.tool()
-    return np.asarray(tool[:3, :3] @ _BALL + tool[:3, 3])
+    return np.asarray(home.outward * tool[:3, :3] @ _BALL + tool[:3, 3])
 
 
 def _sideways(point: Array) -> Array:
@@ -190,6 +254,16 @@ def _level(frame: Array) -> Array:
         return frame
     yaw = np.arctan2(frame[1, 0], frame[0, 0])
     return spatial.transform(spatial.rpy_matrix(np.array([np.pi, 0.0, yaw])), frame[:3, 3])
+
+
+def _upright(camera: Array) -> Array:
+    """Turned about its axis until y, down in its images, is down; as it is where it looks straight up or down."""
+    z = camera[:3, 2]
+    x = np.cross([0.0, 0.0, -1.0], z)
+    if np.linalg.norm(x) < np.sin(_FLAT):
+        return camera
+    x = x / np.linalg.norm(x)
+    return spatial.transform(np.column_stack([x, np.cross(z, x), z]), camera[:3, 3])
 
 
 def _round_frame(frame: Array) -> Array:

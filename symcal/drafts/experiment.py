@@ -50,28 +50,41 @@ def _head(name: str, title: str) -> str:
 def _plan(robot: Robot, draft: Draft, cell: Cell) -> str:
     """The section `plan`: `symcal plan` works on it as it is."""
     lines = [_said("plan:", "'symcal plan experiment.yaml' chooses the postures"), f"  poses: {draft.poses}"]
-    if draft.images:  # whose every corner counts at every pose that is tried
+    if draft.images:  # every corner counts at every pose that is tried
         lines += [
-            _said("  method: exchange", "'certified' searches further. With a board a plan takes minutes"),
-            "  sample: 1000",
-            f"  promise: {{counts: [{draft.poses}], random: 10}}",
+            "  sample: 2000",
+            _said("  among: sample", "from so many random postures; without these two lines from all, which takes"),
+            _said("", "minutes with a board"),
         ]
+    elif not draft.entries:
+        foretold = [draft.poses * share // 4 for share in (2, 3, 4, 6)]
+        lines.append(_said(f"  promise: {{counts: {foretold}}}", "numbers of poses for which errors are foretold"))
     if draft.noise:
         units = ", ".join(dict.fromkeys(_UNITS[quantity] for quantity in draft.noise))
         lines.append(
             _said(f"  noise: {_flow(draft.noise)}", f"FILL IN: of the instrument, one standard deviation, {units}")
         )
     first = cell.posture.first_link
-    known = "The plan knows of the table below and of nothing else" if first else "The plan knows of nothing around"
+    knows = [*(["the table below"] if first else []), *(["the camera's view"] if draft.images else [])]
+    known = f"The plan knows of {' and '.join(knows) or 'nothing around'}{', no more' if knows else ''}"
     lines += [
         _said("  area:", "FILL IN: joint readings between which the arm hits nothing, itself included, and no"),
         _said("", f"cable is pulled. {known}"),
     ]
     for joint, ends in zip(robot.joints, cell.area, strict=True):
         lines.append(f"    {quoted(joint.name)}: {numbers_text(ends)}")
+    if draft.images or first is not None:
+        lines.append("  constraints:")
+    if draft.images:
+        lines += [
+            _said(
+                "    view: {whole: true, margin_px: 40}",
+                "plan views of the whole board, so far from the image's border;",
+            ),
+            _said("", "images that show a part of it count as well"),
+        ]
     if first is not None:
         lines += [
-            "  constraints:",
             _said("    planes:", f"FILL IN: links from the {_nth(first)} on stay 50 mm above z = 0 of the base"),
             f"      - {{name: table, point: [0, 0, 0], normal: [0, 0, 1], margin: 50, first_link: {first}}}",
         ]

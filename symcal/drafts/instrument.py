@@ -20,7 +20,8 @@ class Draft:
 
     what: said to people who choose. kind: as experiments call it. poses: to plan. noise: one standard deviation by
     quantity, in mm, deg and px; none where the template says it of each entry. facing: where the tool points in the
-    posture that the area is around. turn: how far joints may turn from it, deg; None: while the board is in view.
+    posture that the area is around. turn: how far joints may turn from it, deg. view: for a camera, how far instead in
+    multiples of what one joint alone may turn before a board leaves the view.
     images: what is filled in are the joint readings of images. entries: those of `measurements` that share the table,
     told apart by its column `by`.
     """
@@ -31,7 +32,8 @@ class Draft:
     poses: int
     noise: Mapping[str, float] = field(default_factory=dict)
     facing: Facing = "down"
-    turn: float | None = 60.0
+    turn: float = 60.0
+    view: float | None = None
     images: bool = False
     by: str = ""
     entries: tuple[str, ...] = ()
@@ -59,11 +61,11 @@ DRAFTS: Mapping[str, Draft] = {
         Draft("tracker", "x, y, z of a point on the tool: laser tracker, motion capture", "position", 40,
               {"position": 0.05}),
         Draft("pose", "a camera in the hand that reports poses of a marker or board", "pose", 40,
-              {"position": 0.5, "orientation": 0.1}),
+              {"position": 0.5, "orientation": 0.1}, view=1.5),
         Draft("board", "a camera in the hand that looks at a printed board", "pixels", 40,
-              {"image": 0.1}, turn=None, images=True),
+              {"image": 0.1}, view=2.0, images=True),
         Draft("fixed-camera", "a camera that stands still, and a printed board on the flange", "pixels", 40,
-              {"image": 0.1}, facing="outward", turn=None, images=True),
+              {"image": 0.1}, facing="outward", view=2.0, images=True),
         Draft("wire", "a draw-wire or another meter of distances", "distance", 80, {"distance": 0.1}),
         Draft("gauge", "a gauge of one coordinate: height gauge, dial gauge, laser sensor", "component", 80,
               {"component": 0.02}),

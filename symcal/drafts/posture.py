@@ -26,6 +26,7 @@ _WIDEST = np.pi  # rad: a joint that turns further, or without end, is used from
 _FAR = 0.55  # of the reach, horizontally
 _HEIGHT = 0.25  # of the reach, above the base, where no height is asked for
 _CLEAR = 100.0  # mm: of every link that can be raised, above the base
+_UPRIGHT = 0.5  # least height of the tool's z axis, of 1, where it always points up
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +34,9 @@ class Posture:
     """q: joint readings, shape (dof,), rad and mm. lower, upper: readings that are in question at all, shape (dof,).
 
     reach: how far the tool gets from the base's axis, mm. first_link: of the links that a table can be in the way of;
-    None if some are always below its level.
+    None if some are always below its level. outward: out of the flange, along the tool's z axis: 1, or -1 where that
+    points up whatever the arm does, as in some descriptions of a SCARA. missed: angle between this and what it was
+    meant to point at, rad.
     """
 
     arm: Skeleton
@@ -42,6 +45,8 @@ class Posture:
     upper: Array
     reach: float
     first_link: int | None
+    outward: float
+    missed: float
 
     def tool(self, q: Array | None = None) -> Array:
         """T_base_tool, shape (4, 4), mm; at ``q`` if it is given."""
@@ -49,7 +54,7 @@ class Posture:
 
 
 def posture(robot: Robot, facing: Facing, height: float | None = None) -> Posture:
-    """A posture whose tool's z axis points down, or away from the arm and level.
+    """A posture whose tool points down, or away from the arm and level.
 
     Args:
         height: of the tool above the base, mm, as near as the arm gets with ease.
@@ -59,15 +64,19 @@ def posture(robot: Robot, facing: Facing, height: float | None = None) -> Postur
     lower, upper = _ranges(robot)
     rng = np.random.default_rng(0)
     q = rng.uniform(lower, upper, (_DRAWN, robot.dof))
-    reach = float(np.quantile(np.linalg.norm(arm.tool(q)[:, :2, 3], axis=1), 0.99))
+    drawn = arm.tool(q)
+    reach = float(np.quantile(np.linalg.norm(drawn[:, :2, 3], axis=1), 0.99))
+    outward = -1.0 if np.all(drawn[:, 2, 2] > _UPRIGHT) else 1.0
     first, goal = _first_link(arm, q), _HEIGHT * reach if height is None else height
     for spread in _SPREAD * np.geomspace(1.0, 1e-3, _ROUNDS):
-        best = q[np.argsort(_discomfort(arm, q, lower, upper, facing, reach, goal, first), kind="stable")[:_KEPT]]
+        turned = _turned(arm.tool(q), facing, outward)
+        best = q[np.argsort(_discomfort(arm, q, lower, upper, turned, reach, goal, first), kind="stable")[:_KEPT]]
         steps = rng.normal(size=(_DRAWN // _KEPT, *best.shape)) * spread * (upper - lower)
         q = np.vstack([best, np.clip(best + steps, lower, upper).reshape(-1, robot.dof)])
     rough = np.where([joint.revolute for joint in robot.joints], np.deg2rad(5.0), 10.0)
     found = np.clip(np.round(best[0] / rough) * rough, lower, upper)
-    return Posture(arm, found, lower, upper, reach, first)
+    missed = float(_turned(arm.tool(found[None]), facing, outward)[0])
+    return Posture(arm, found, lower, upper, reach, first, outward, missed)
 
 
 def _ranges(robot: Robot) -> tuple[Array, Array]:
@@ -86,16 +95,25 @@ def _first_link(arm: Skeleton, q: Array) -> int | None:
     return None
 
 
+def _turned(tool: Array, facing: Facing, outward: float) -> Array:
+    """Angle between where tools (N, 4, 4) point and where they shall, shape (N,), rad."""
+    x, y = tool[:, :2, 3].T
+    away = np.stack([x, y, np.zeros_like(x)], axis=1) / np.maximum(np.hypot(x, y), 1.0)[:, None]
+    wanted = np.array([0.0, 0.0, -1.0]) if facing == "down" else away
+    return np.asarray(np.arccos(np.clip(outward * (tool[:, :3, 2] * wanted).sum(axis=1), -1.0, 1.0)))
+
+
 def _discomfort(
-    arm: Skeleton, q: Array, lower: Array, upper: Array, facing: Facing, reach: float, goal: float, first: int | None
+    arm: Skeleton, q: Array, lower: Array, upper: Array, turned: Array, reach: float, goal: float, first: int | None
 ) -> Array:
-    """How far postures (N, dof) are from what is wanted, shape (N,): 1 for what counts as much in each respect."""
-    tool, nodes = arm.tool(q), arm.nodes(q)
-    x, y, z = tool[:, :3, 3].T
+    """How far postures (N, dof) are from what is wanted, shape (N,): 1 for what counts as much in each respect.
+
+    Args:
+        turned: see `_turned`.
+    """
+    nodes = arm.nodes(q)
+    x, y, z = nodes[:, -1].T
     far = np.hypot(x, y)
-    outward = np.stack([x, y, np.zeros_like(x)], axis=1) / np.maximum(far, 1.0)[:, None]
-    wanted = np.array([0.0, 0.0, -1.0]) if facing == "down" else outward
-    turned = np.arccos(np.clip((tool[:, :3, 2] * wanted).sum(axis=1), -1.0, 1.0))
     middle = (q - (lower + upper) / 2) / ((upper - lower) / 2)
     above = nodes[:, 0 if first is None else arm.links.index(first) :, 2]
     terms = [

@@ -54,10 +54,8 @@ class WorkingArea:
         return np.where(snap, limit, poses)
 
     def even(self, count: int) -> Array:
-        """Deterministic, evenly spread poses (Halton's sequence), shape (count, dof)."""
-        from scipy.stats import qmc  # a second of start-up that only plans need
-
-        return self.lower + self.span * qmc.Halton(self.dof, scramble=False).random(count)
+        """Deterministic, evenly spread poses (the sequence of [Halton1960]), shape (count, dof)."""
+        return self.lower + self.span * halton(count, self.dof)
 
     def clip(self, poses: Array) -> Array:
         return np.clip(poses, self.lower, self.upper)
@@ -70,6 +68,27 @@ class WorkingArea:
     def unit(self, poses: Array) -> Array:
         """Poses in units of the box: 0 at the lower and 1 at the upper limits; held joints are 0; shape (N, dof)."""
         return (poses - self.lower) / np.where(self.span > 0, self.span, 1.0)
+
+
+def halton(count: int, dimensions: int) -> Array:
+    """The first points of Halton's sequence in the unit cube, shape (count, dimensions).
+
+    `scipy.stats.qmc` has it too, and takes two seconds to be imported.
+    """
+    out = np.zeros((count, dimensions))
+    bases: list[int] = []
+    candidate = 2
+    while len(bases) < dimensions:
+        if all(candidate % base for base in bases):
+            bases.append(candidate)
+        candidate += 1
+    for column, base in zip(out.T, bases, strict=True):
+        left, share = np.arange(count), 1.0
+        while left.any():
+            share /= base
+            column += share * (left % base)
+            left //= base
+    return out
 
 
 def working_area(

@@ -22,7 +22,8 @@ Array = NDArray[np.float64]
 _FIRST_STEP, _LONGEST = 0.01, 0.2  # of the working area
 _STILL = 1e-6  # of the working area: a pose that has moved by less, or may, rests
 _DIFFERENCE = 1e-6  # of the working area, for slopes of constraints
-_SWEEPS = 12  # over the multipliers
+_SWEEPS = 12  # over the multipliers, at most
+_SETTLED = 1e-10  # of the working area: a sweep that moves nothing by more is the last
 _RETURNS = 2  # corrections of a step that ended outside
 _INSIDE = 1e-7  # of a constraint's scale: where corrections aim
 
@@ -105,15 +106,20 @@ def _nearest(wish: Array, broken: Array, normals: Array, unit: Array) -> Array:
         return step
     free, multipliers, box = wish.copy(), np.zeros_like(broken), np.zeros_like(wish)
     for _ in range(_SWEEPS):
+        before, shifted = step, 0.0
         for i in range(broken.shape[1]):
             normal = normals[:, i]
             excess = (broken[:, i] + np.sum(normal * free, axis=1)) / safe[:, i]
             more = np.where(sizes[:, i] > 0, np.maximum(multipliers[:, i] + excess, 0.0), 0.0)
-            free -= (more - multipliers[:, i])[:, None] * normal
+            shift = (more - multipliers[:, i])[:, None] * normal
+            free -= shift
             multipliers[:, i] = more
+            shifted = max(shifted, float(np.abs(shift).max()))
         # the box is one more convex set, whose correction is kept ([Dykstra1983])
         moved = free + box
         step = np.clip(unit + moved, 0.0, 1.0) - unit
         box = moved - step
-        free = step
+        free = step.copy()
+        if shifted <= _SETTLED and np.abs(step - before).max() <= _SETTLED:
+            break
     return step

@@ -197,7 +197,8 @@ def _cells(
 ) -> tuple[Coverage, Array]:
     if problem.choices is not None:
         raise RefusedError(
-            "coverage is not kept when choosing among candidates or postures that touch: leave out one of the two"
+            "coverage is not kept when choosing among candidates, a sample or postures that touch: "
+            "leave out one of the two"
         )
     names = [joint.name for joint in problem.robot.joints]
     if wanted.joints is not None:

@@ -38,6 +38,7 @@ _NEAR = 5e-4  # of the score: a plan so near to the design can hardly be better
 _PASSES, _WORTH = 3, 1e-4  # repetitions for the best, at most, as long as each raises the score by so much
 _WEIGHTY = 1e-4  # weight from which on an atom of a design is worth trying
 _NEIGHBOURS = 24  # feasible neighbours of each pose in a local exchange
+_FORETOLD, _FEWEST = 480, 4  # neighbours of all poses together, and of each at least, of a plan that is only foretold
 _RADII = (0.1, 0.03, 0.01)  # of the working area
 _GAIN = 1e-6  # of the score: less is not worth another round
 
@@ -201,7 +202,9 @@ def plan_from(task: SearchTask, design: ApproximateDesign, rng: np.random.Genera
     """Exchange over the poses of a design instead of a dense sample, then refinement: as good, and much less to look
     at."""
     pool = task.pool(design.poses[design.weights > _WEIGHTY])
-    return _polish(task, _exchange(task, pool, None, lambda _: None, repeats=True), rng, lambda _: None)
+    poses = _exchange(task, pool, None, lambda _: None, repeats=True)
+    neighbours = min(max(_FORETOLD // len(poses), _FEWEST), _NEIGHBOURS)
+    return _polish(task, poses, rng, lambda _: None, neighbours)
 
 
 def rounded(atoms: Array, weights: Array, count: int, rng: np.random.Generator) -> Array:
@@ -245,7 +248,9 @@ def _refine(task: SearchTask, poses: Array, report: Report) -> Array:
     )
 
 
-def _polish(task: SearchTask, poses: Array, rng: np.random.Generator, report: Report) -> Array:
+def _polish(
+    task: SearchTask, poses: Array, rng: np.random.Generator, report: Report, neighbours: int = _NEIGHBOURS
+) -> Array:
     """Gradient refinement; where constraints or kinks stop it, exchange among feasible neighbours of the poses."""
     free = task.feasible is None and task.distance == 0
     poses = _refine(task, poses, (lambda _: None) if not free else report)
@@ -255,7 +260,7 @@ def _polish(task: SearchTask, poses: Array, rng: np.random.Generator, report: Re
     for radius in _RADII:
         before = task.score(poses)
         area = task.info.area
-        step = rng.normal(size=(_NEIGHBOURS, *poses.shape)) * radius * area.span
+        step = rng.normal(size=(neighbours, *poses.shape)) * radius * area.span
         near = area.clip(poses + step).reshape(-1, area.dof)
         if task.feasible is not None:
             near = near[task.feasible(near)]

@@ -97,6 +97,7 @@ def asked_view(file: ExperimentFile) -> View:
         limits.margin_px if "margin_px" in limits.model_fields_set else given.margin,
         given.depth if limits.depth is None else (limits.depth[0] * length, limits.depth[1] * length),
         None if limits.incidence is None else limits.incidence * file.units.factor("rad"),
+        limits.whole,
     )
 
 

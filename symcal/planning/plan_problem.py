@@ -28,6 +28,7 @@ from symcal.planning.plan_file import read_plan
 from symcal.planning.region import TaskRegion, area_region, box_region, csv_region
 from symcal.planning.skeleton import Skeleton, skeleton
 from symcal.planning.visibility import within_limits
+from symcal.planning.worst_pose import feasible_set
 from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -40,7 +41,8 @@ class PlanProblem:
     area: where poses may lie, margins taken off. measuring, moving: constraints on the measured poses, and the ones
     among them that also hold on the way. view: the camera with its target, None without one. required, candidates:
     poses, shape (k, dof), with their names; candidates is None where any pose of the area will do. inputs: files read.
-    pool: postures that touch what they must, to choose from, shape (K, dof); None where nothing is touched.
+    pool: postures to choose from, shape (K, dof): those that touch what they must, or a sample where the plan is to be
+    of one; None where any pose of the area will do.
     start: joint readings where the robot begins, None if not said. speeds: shape (dof,), None if not all are known.
     """
 
@@ -68,7 +70,8 @@ class PlanProblem:
     @property
     def touches(self) -> Callable[[Array], tuple[str, ...]] | None:
         """What each posture touches, by name; None where nothing is touched."""
-        return None if self.pool is None else partial(touched_names, self.info.measurement, self.info.setup)
+        measurement = self.info.measurement
+        return partial(touched_names, measurement, self.info.setup) if constraints(measurement) else None
 
     @property
     def robot(self) -> Robot:
@@ -109,9 +112,12 @@ def plan_problem(file: ExperimentFile, document: Document, model: Model, rng: np
     mask = feasible(measuring) if measuring else None
     required, required_names = _required(file, document, robot, measuring, inputs)
     candidates, candidate_names = _candidates(file, document, robot, inputs)
-    pool = touching_pool(model, area, plan.sample, rng, mask) if constraints(model.measurement) else None
-    if pool is not None and candidates is not None:
+    touching = touching_pool(model, area, plan.sample, rng, mask) if constraints(model.measurement) else None
+    if touching is not None and candidates is not None:
         candidates = nearest_contacts(model, candidates)
+    pool = touching
+    if touching is None and plan.among == "sample":
+        pool = feasible_set(area, rng, plan.sample, mask).sample
     info = pose_information(
         model.measurement,
         model.setup,
@@ -120,7 +126,7 @@ def plan_problem(file: ExperimentFile, document: Document, model: Model, rng: np
         area=area,
         feasible=mask,
         poses=plan.poses,
-        typical=pool,
+        typical=touching,
     )
     return PlanProblem(
         info=info,

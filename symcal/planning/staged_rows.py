@@ -121,31 +121,41 @@ class _Staged:
         return np.asarray(rows * self.scales)
 
     def _factors(self, poses: Array, seen: NDArray[np.bool_]) -> tuple[Twists, Array, Array]:
-        """Slopes, A (N, K s, 6 + k) and M (N, 6 + k, p)."""
+        """Slopes, A (N, K s, 6 + k) and the first six rows of M, (N, 6, p)."""
         twists = self.kernel.slopes(poses, self.x, self.setup, seen)
         whitened = np.concatenate([twists.by_twist, twists.by_own], axis=2) / self.sigma[:, None]
-        columns = self.kernel.columns
-        chain = np.zeros((len(poses), 6 + len(columns), len(self.index)))
-        chain[:, :6] = twists.screws[:, :, self.index]
-        for i, column in enumerate(columns):
-            chain[:, 6 + i, self.index == column] = 1.0
-        return twists, whitened, chain * self.scales
+        return twists, whitened, twists.screws[:, :, self.index] * self.scales
+
+    def _unit_rows(self) -> Array:
+        """The other rows of M, the same at all poses, shape (k, p): zero for an own number that is not free."""
+        return np.asarray((self.kernel.columns[:, None] == self.index) * self.scales)
+
+    def _inner(self, screws: Array, lifted: Array) -> tuple[Array, Array, Array]:
+        """N, (N, 6 + k, 6 + k), and the rows of M W: six of each pose, (N, 6, p), and what is the same, (k, p)."""
+        unit = self._unit_rows()
+        six, same = screws @ lifted, unit @ lifted
+        inner = np.empty((len(screws), 6 + len(unit), 6 + len(unit)))
+        np.matmul(six, screws.swapaxes(1, 2), out=inner[:, :6, :6])
+        np.matmul(six, unit.T, out=inner[:, :6, 6:])
+        inner[:, 6:, :6] = inner[:, :6, 6:].swapaxes(1, 2)
+        inner[:, 6:, 6:] = same @ unit.T
+        return inner, six, same
 
     def _values(self, poses: Array, lifted: Array) -> Array:
-        _, whitened, chain = self._factors(poses, self._seen(poses))
-        gram = whitened.swapaxes(1, 2) @ whitened
-        return np.asarray(np.einsum("nij,nij->n", gram @ chain @ lifted, chain))
+        _, whitened, screws = self._factors(poses, self._seen(poses))
+        return np.asarray(np.einsum("nij,nij->n", whitened @ self._inner(screws, lifted)[0], whitened))
 
     def _gradient(self, poses: Array, lifted: Array) -> tuple[Array, Array]:
         seen = self._seen(poses)
-        _, whitened, chain = self._factors(poses, seen)
-        weighted = chain @ lifted
-        inner = weighted @ chain.swapaxes(1, 2)
-        by_chain = 2.0 * (whitened.swapaxes(1, 2) @ whitened @ weighted) * self.scales
-        by_slopes = 2.0 * (whitened @ inner) / self.sigma[:, None]
-        value = 0.5 * np.einsum("nij,nij->n", by_slopes * self.sigma[:, None], whitened)
+        _, whitened, screws = self._factors(poses, seen)
+        inner, six, same = self._inner(screws, lifted)
+        spread = whitened @ inner
+        value = np.einsum("nij,nij->n", spread, whitened)
+        by_slopes = 2.0 * spread / self.sigma[:, None]
+        gram = whitened[:, :, :6].swapaxes(1, 2) @ whitened
+        by_six = 2.0 * (gram[:, :, :6] @ six + gram[:, :, 6:] @ same) * self.scales
         by_screws = np.zeros((len(poses), 6, len(self.x)))
-        by_screws[:, :, self.index] = by_chain[:, :6]
+        by_screws[:, :, self.index] = by_six
         place, _, own, _ = self.kernel.pose(poses, self.x, self.setup)
         pose, point = np.nonzero(seen)
         adjoint = by_slopes.reshape(*seen.shape, -1, by_slopes.shape[2])[pose, point]

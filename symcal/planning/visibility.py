@@ -49,18 +49,20 @@ class View:
     """What plans ask of cameras beyond what they can read: rad, mm and px.
 
     margin: from the image's border, px. depth: range along the optical axis, mm. incidence: largest angle between a
-    target's normal and the ray to the camera, rad; that of the target when None.
+    target's normal and the ray to the camera, rad; that of the target when None. whole: every point of a target must be
+    seen, of those too that count in part.
     """
 
     margin: float = 0.0
     depth: tuple[float, float] = (-math.inf, math.inf)
     incidence: float | None = None
+    whole: bool = False
 
 
 def within_limits(model: Model, view: View | None = None) -> tuple[Constraint, ...]:
     """What it takes for every instrument to read all that it is to read at a pose, at nominal.
 
-    Of a board that counts in part: to read at least as many of its points as it needs.
+    Of a board that counts in part: to read at least as many of its points as it needs, unless all are asked for.
     """
     made = []
     for part in model.measurement.parts:
@@ -73,8 +75,10 @@ def within_limits(model: Model, view: View | None = None) -> tuple[Constraint, .
         count = len(o.features)
         if part.staged is not None and o.target.needed < count:
             scales = tuple(limit.scale for limit in limits)
-            name = f"at least {o.target.needed} of the {count} points of {o.target.name} seen by '{o.name}'"
-            made.append(Constraint(name, "1", _Share(margins, scales, o.target.needed)))
+            needed = count if asked is not None and asked.whole else o.target.needed
+            some = f"at least {needed} of the {count} points" if needed < count else f"all {count} points"
+            name = f"{some} of {o.target.name} seen by '{o.name}'"
+            made.append(Constraint(name, "1", _Share(margins, scales, needed)))
             continue
         for i, limit in enumerate(limits):
             name = f"{o.target.name} {limit.name} '{o.name}'"
@@ -131,7 +135,12 @@ class _Share:
 
     def __call__(self, poses: Array) -> Array:
         def last(part: Array) -> Array:
-            worst = (self.margins(part) / np.array(self.scales)).min(axis=2)
+            margins = self.margins(part)
+            worst = margins[:, :, 0] / self.scales[0]
+            for i, scale in enumerate(self.scales[1:], start=1):  # a minimum over so short an axis is slow in NumPy
+                np.minimum(worst, margins[:, :, i] / scale, out=worst)
+            if self.needed == worst.shape[1]:
+                return np.asarray(-worst.min(axis=1))
             return np.asarray(-np.partition(worst, -self.needed, axis=1)[:, -self.needed])
 
         return _in_parts(last, poses)

@@ -142,10 +142,11 @@ def _how(content: Content) -> str:
     certificate, pool = content["plan"]["certificate"], content.get("pool")
     if certificate["exhaustive"]:
         if pool and not content["candidates"]:
-            return (
-                f"over all {certificate['searched']} postures of a pool, random ones moved until they touch: it holds "
-                "for this pool, not for every posture that could touch."
-            )
+            touching = content["touching"]
+            which = "random ones moved until they touch" if touching else "random ones and corners of the area"
+            every = "posture that could touch" if touching else "posture of the area"
+            said = f"over all {certificate['searched']} postures of a pool, {which}"
+            return f"{said}: it holds for this pool, not for every {every}."
         return f"over all {certificate['searched']} candidates, which are the whole set."
     searched = (
         f"searched over {certificate['searched']} sampled poses, limits and corners among them, and polished with "
@@ -261,7 +262,8 @@ def _facts(content: Content) -> list[list[str]]:
     if content["candidates"]:
         facts.append(["candidates", f"{content['candidates']} poses to choose from"])
     elif content.get("pool"):
-        facts.append(["pool", f"{content['pool']} postures that touch, to choose from"])
+        touching = " that touch" if content["touching"] else ""
+        facts.append(["pool", f"{content['pool']} postures{touching}, to choose from"])
     if content["constraints"]["distance"]:
         facts.append(["distance", f"{content['constraints']['distance']:g} of the working area between any two poses"])
     facts.append(["random seed", str(content["seed"])])

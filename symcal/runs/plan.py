@@ -94,6 +94,7 @@ def plan_experiment(experiment: Experiment, progress: Progress = lambda _: None)
         "region": region_words(file.plan.region, bool(problem.measuring)),
         "candidates": None if problem.candidates is None else len(problem.candidates),
         "pool": None if problem.pool is None else len(problem.pool),
+        "touching": problem.touches is not None,
     }
     return PlanOutcome(experiment, found, content)
 

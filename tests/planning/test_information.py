@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+import scipy.stats
 from planning_cases import fr3, handling
 
 from symcal import kinematics
@@ -14,9 +15,15 @@ from symcal.model.measurement import Setup
 from symcal.model.observe import observe
 from symcal.model.parameter_set import parameter_set
 from symcal.model.task import Task
-from symcal.planning.area import draw, working_area
+from symcal.planning.area import draw, halton, working_area
 from symcal.planning.information import pose_information
 from symcal.robot.files import load_robot
+
+
+def test_even_poses_are_those_of_halton():
+    for count, dimensions in ((1000, 7), (5, 25)):
+        theirs = scipy.stats.qmc.Halton(dimensions, scramble=False).random(count)
+        np.testing.assert_array_equal(halton(count, dimensions), theirs)
 
 
 def test_handling_robot_shows_eleven_of_fifteen_to_positions():

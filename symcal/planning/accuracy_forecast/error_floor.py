@@ -68,14 +68,18 @@ def error_floor(
 
     Args:
         where: the feasible set with a dense sample, in which maxima are searched (see `symcal.planning.worst_pose`).
-        near: a D-optimal design of one number of poses on the same set, if there is one: where to begin.
+        near: a D-optimal design of one number of poses on the same set, if there is one: where to begin, and without
+            priors the design itself.
     """
     start = where.sample[:: max(len(where.sample) // 200, 1)]
     atoms = start if near is None else near.poses
     # the bounds hold for any design: the ones without priors serve every number of poses
     none = np.zeros_like(info.prior)
     ground = _RIDGE * info.total(start) / len(start)
-    by_worst = optimal_design(info, criterion("D"), where, ground, atoms, rng, tolerance=_SLACK)
+    if near is not None and not info.prior.any() and near.excess <= _SLACK:
+        by_worst = near
+    else:
+        by_worst = optimal_design(info, criterion("D"), where, ground, atoms, rng, tolerance=_SLACK)
     by_mean_of = criterion("I", accuracy=accuracy)
     by_mean = optimal_design(info, by_mean_of, where, ground, by_worst.poses, rng, tolerance=_SLACK)
     weighted = [(accuracy.mean, by_mean)]

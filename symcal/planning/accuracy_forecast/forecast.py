@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from symcal.errors import InputError, RefusedError
 from symcal.planning.accuracy_forecast.error_floor import ErrorFloor, error_floor
-from symcal.planning.accuracy_forecast.prediction import Prediction, predict
+from symcal.planning.accuracy_forecast.prediction import Prediction, predict, predictions
 from symcal.planning.accuracy_forecast.random_plans import typical_errors, typical_mean
 from symcal.planning.area import Feasible
 from symcal.planning.criteria import criterion
@@ -104,19 +104,22 @@ def forecast(
         RefusedError: a number of poses is too small.
     """
     for_ground, *for_counts = rng.spawn(1 + len(counts))
+    (for_worst,) = rng.spawn(1)
     known = known or ground(info, for_ground, region=region, aligned=aligned, feasible=feasible)
     accuracy, where, floor = known.accuracy, known.where, known.floor
-    best, others = [], []
+    posteriors, others = [], []
     for count, own in zip(counts, for_counts, strict=True):
         if count < fewest_poses(info):
             raise RefusedError(
                 f"{count} poses do not determine {info.rank} directions: take {fewest_poses(info)} or more"
             )
         task = _task(info, accuracy, where, objective, count)
-        best.append(predict(accuracy, info.posterior(_searched(task, method, floor, own)), own))
+        posteriors.append(info.posterior(_searched(task, method, floor, own)))
         others.append(typical_errors(info, accuracy, task, random, own))
         if progress is not None:
             progress(count)
+    # from the largest plan on, whose worst pose is the one that the bound is about
+    best = predictions(accuracy, posteriors[::-1], for_worst)[::-1]
     return Forecast(
         counts=tuple(counts),
         best_mean_mm=tuple(p.mean_pose_rms_mm for p in best),

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal import spatial
-from symcal.documents.table import Table
+from symcal.documents.table import LARGEST, Table
 from symcal.errors import InputError
 from symcal.readers.still import still_intervals
 from symcal.readers.time_shift import found_shift
@@ -72,8 +72,9 @@ def stream(
     """
     if not len(t):
         raise InputError("nothing was recorded here", file=path, part=part or None)
-    for row in np.flatnonzero(~np.isfinite(np.column_stack([t, values])).all(axis=1)):
-        raise InputError(f"a number that is not finite, in message {row + 1}", file=path, part=part or None)
+    for row in np.flatnonzero(~(np.abs(np.column_stack([t, values])) <= LARGEST).all(axis=1)):
+        message = f"a number that is not finite, or larger than {LARGEST:g}, in message {row + 1}"
+        raise InputError(message, file=path, part=part or None)
     if measured and values.shape[1] == 7:
         norm = np.linalg.norm(values[:, 3:], axis=1)
         for row in np.flatnonzero(np.abs(norm - 1) > 1e-3):

@@ -45,6 +45,7 @@ class LayoutRecord(Strict):
     delimiter: str | None = None
     decimal: str | None = "."
     sheet: str | None = None
+    session: str | None = None
     where: dict[str, Any] = Field(default_factory=dict)
 
 
@@ -62,7 +63,7 @@ def _layouts(found: dict[str, Any]) -> dict[str, Any]:
         except ValueError:
             continue
         return found
-    raise PydanticCustomError("layout", "not the columns, delimiter, decimal, sheet and where of a file, by instrument")
+    raise PydanticCustomError("layout", "not what says how a file is laid out, by instrument")
 
 
 class Provenance(Loose):

@@ -129,7 +129,8 @@ def _measurements(
     record = record.get(own[0].of, record)
     sheets = is_sheets(data)
     delimiter, decimal = (None, None) if sheets else (record.get("delimiter"), record.get("decimal", "."))
-    plain = Layout(delimiter=delimiter, decimal=decimal, sheet=record.get("sheet") if sheets else None)
+    sheet, per_file = record.get("sheet") if sheets else None, record.get("session") == "file"
+    plain = Layout(delimiter=delimiter, decimal=decimal, sheet=sheet, session_per_file=per_file)
     header = plain.table(data).columns
     named = {c: n for c, n in record.get("columns", {}).items() if set([n] if isinstance(n, str) else n) <= set(header)}
     where = {column: str(cell) for column, cell in record.get("where", {}).items() if column in header}

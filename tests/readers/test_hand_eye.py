@@ -131,6 +131,16 @@ def test_kinematics_are_refused_without_joints_and_identified_with_joints_beside
     assert found[0]["a_2"] == pytest.approx(0.8, abs=0.05)
 
 
+def test_a_camera_that_is_not_where_it_is_said_is_found(tmp_path: Path, symcal: Call) -> None:
+    flange, seen, _ = pairs(np.random.default_rng(3), "hand")
+    write_easy(tmp_path / "easy.samples", flange, seen, "base")
+    text = EXPERIMENT.format(robot="given_poses", data="source: pairs, file: easy.samples, eye: hand", **PLACES["hand"])
+    (tmp_path / "experiment.yaml").write_text(text)
+    code, _, err = symcal("identify", tmp_path / "experiment.yaml", "--no-report", "--out", tmp_path / "run")
+    assert code == 1
+    assert "the data look as if the poses are inverse" in " ".join(err.split())
+
+
 @pytest.mark.parametrize("more", ["extend: auto", "remainder: smooth"])
 def test_more_than_frames_is_refused_of_given_poses(tmp_path: Path, symcal: Call, more: str) -> None:
     flange, seen, _ = pairs(np.random.default_rng(1), "hand")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -281,6 +282,14 @@ def test_one_file_of_a_bag_is_enough_and_damaged_ones_are_refused(
             read_bag(tmp_path / "b.mcap", joints(robot), Bag(), Matching())
     with pytest.raises(sc.InputError, match="the bag cannot be read"):
         read_bag(tmp_path, joints(robot), Bag(), Matching())
+
+
+def test_a_bag_without_the_package_says_how_to_get_it(
+    bag_folder: Path, robot: sc.Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    with pytest.raises(sc.InputError, match=r"pip install 'symcal\[ros\]'"):
+        read_bag(bag_folder, joints(robot), Bag(), Matching())
 
 
 def test_frames_of_transforms_must_be_said(tmp_path: Path, robot: sc.Robot, recording: Recording) -> None:

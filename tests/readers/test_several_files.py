@@ -100,6 +100,8 @@ def test_every_file_may_be_a_session_with_a_place_of_its_own(
     assert code == 0, err
     errors = sc.load_robot(tmp_path / "run" / "calibrated.yaml").record.provenance["measurements"]
     assert list(errors) == ["tracker_day0", "tracker_day1", "tracker_day2"]
+    code, _, err = symcal("validate", tmp_path / "run" / "calibrated.yaml", "--data", tmp_path / "day1.csv")
+    assert code == 0, err
 
 
 @pytest.mark.parametrize("shifted", [0, 1])

@@ -284,6 +284,14 @@ def test_one_file_of_a_bag_is_enough_and_damaged_ones_are_refused(
         read_bag(tmp_path, joints(robot), Bag(), Matching())
 
 
+def test_lengths_of_prismatic_joints_become_mm(bag_folder: Path, robot: sc.Robot) -> None:
+    turning = read_bag(bag_folder, joints(robot), Bag(), Matching())
+    sliding = [(name, i > 0) for i, (name, _) in enumerate(joints(robot))]
+    found = read_bag(bag_folder, sliding, Bag(), Matching(band_length=1.0))
+    assert found.columns[1:3] == ("q1_mm", "q2_rad")
+    np.testing.assert_allclose(found.numbers("q1_mm"), turning.numbers("q1_rad") * 1000, rtol=1e-12)
+
+
 def test_a_bag_without_the_package_says_how_to_get_it(
     bag_folder: Path, robot: sc.Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -11,7 +11,6 @@ from symcal.errors import InputError
 from symcal.units import split_unit
 
 _LOOKED = 1000  # rows
-_NAMES = ("pose", "point", "session", "split")
 _POINT = re.compile(r"[-+]?\d*\.\d+([eE][-+]?\d+)?|[-+]?\d+\.\d*([eE][-+]?\d+)?")
 _COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?|[-+]?\d+,\d*([eE][-+]?\d+)?")
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
@@ -26,16 +25,21 @@ def found_decimal(path: Path, columns: Sequence[str], cells: Sequence[Sequence[s
     Raises:
         InputError: some numbers have a point and others a comma, or every comma may as well part thousands (`1,234`).
     """
-    pointed = comma = thousands = None
-    for column, pieces in zip(columns, cells, strict=True):
-        if split_unit(column)[0] in _NAMES:
-            continue
-        first = (piece.split("\n", _LOOKED)[:_LOOKED] for piece in pieces)
-        for cell in islice(chain.from_iterable(first), _LOOKED):
+    measured = [column for column in columns if split_unit(column)[1]] or columns  # '1,5' may be a remark
+    looked = {
+        column: list(islice(chain.from_iterable(piece.split("\n", _LOOKED)[:_LOOKED] for piece in pieces), _LOOKED))
+        for column, pieces in zip(columns, cells, strict=True)
+        if column in measured
+    }
+    if not any("," in cell for own in looked.values() for cell in own):
+        return ".", ()
+    pointed = comma = telling = None
+    for column, own in looked.items():
+        for cell in own:
             if "," in cell and _COMMA.fullmatch(cell):
                 comma = comma or (column, cell)
                 if not _THOUSANDS.fullmatch(cell):
-                    thousands = thousands or cell
+                    telling = telling or cell
             elif "." in cell and _POINT.fullmatch(cell):
                 pointed = pointed or (column, cell)
     if comma is None:
@@ -45,7 +49,7 @@ def found_decimal(path: Path, columns: Sequence[str], cells: Sequence[Sequence[s
             f"some numbers have a decimal comma and others a point ('{pointed[1]}' under '{pointed[0]}'): {_ADVICE}"
         )
         raise InputError(message, file=path, column=comma[0], found=comma[1], allowed=("','", "'.'"))
-    if thousands is None:
+    if telling is None:
         message = f"this comma may be a decimal comma or part thousands, and no number of the file tells: {_ADVICE}"
         raise InputError(message, file=path, column=comma[0], found=comma[1], allowed=("','", "'.'"))
-    return ",", (f"numbers of the file have decimal commas, such as {thousands} ('decimal' says otherwise)",)
+    return ",", (f"numbers of the file have decimal commas, such as {telling} ('decimal' says otherwise)",)

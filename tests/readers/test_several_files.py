@@ -200,6 +200,12 @@ def test_one_comma_that_cannot_part_thousands_tells(tmp_path: Path, cell: str) -
     np.testing.assert_array_equal(table.numbers("q1_deg"), [1.234, float(cell.replace(",", "."))])
 
 
+def test_a_comma_in_a_remark_is_none(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text('pose,remark,q1_deg\n1,"1,5",2.5\n')
+    assert read_table(path, decimal=None).decimal == "."
+
+
 def test_a_header_that_can_be_taken_apart_in_two_ways_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("a,b;c\n1,2;3\n")

@@ -29,7 +29,8 @@ class InputError(SymcalError):
 
     Attributes:
         message: what is wrong and what to do.
-        file, line, key, column: where; each may be None when it does not apply. Lines count from 1.
+        file, line, part, key, column: where; each may be None when it does not apply. Lines, and rows of a sheet, count
+            from 1; a part is a sheet or a topic.
         found: the offending value as text. allowed: the values that would do.
 
     Example:
@@ -47,6 +48,7 @@ class InputError(SymcalError):
         *,
         file: Path | str | None = None,
         line: int | None = None,
+        part: str | None = None,
         key: str | None = None,
         column: str | None = None,
         found: object = None,
@@ -55,6 +57,7 @@ class InputError(SymcalError):
         self.message = message
         self.file = None if file is None else Path(file)
         self.line = line
+        self.part = part
         self.key = key
         self.column = column
         self.found = None if found is None else str(found)
@@ -68,7 +71,8 @@ class InputError(SymcalError):
         key = f"key '{_short(self.key)}'" if self.key else ""
         column = f"column '{_short(self.column)}'" if self.column else ""
         message = self.message if len(self.message) <= _LONGEST else self.message[:_LONGEST] + "..."
-        text = ": ".join(part for part in (where, key, column, message) if part)
+        part = _short(self.part) if self.part else ""
+        text = ": ".join(each for each in (where, part, key, column, message) if each)
         if self.found is not None:
             text += f" (found: {_short(self.found)})"
         if self.allowed:

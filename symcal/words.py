@@ -101,3 +101,7 @@ def in_short(names: Sequence[str], most: int = 8) -> str:
 def listed(words: Sequence[str]) -> str:
     """`a`, `a and b`, `a, b and c`."""
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+
+GIVEN = "given_poses"
+"""The robot whose flange pose is data (`symcal.robot.given`), and what an experiment says instead of its file."""

@@ -77,7 +77,7 @@ CHANGES = [
     ("mesurement", "measurement:", "mesurement:", 6, "mesurement", "did you mean 'measurement'?"),
     ("key", "estimate:", "estimat:", 9, "measurement.estimat", "did you mean 'estimate'?"),
     ("value", "position\n", "positon\n", 7, "measurement.type", "did you mean 'position'?"),
-    ("branch", "source: file", "source: fil", 14, "data.source", "allowed: file, images, simulated"),
+    ("branch", "source: file", "source: fil", 14, "data.source", "allowed: file, bag, trajectory, pairs, images"),
     ("item", "[base]", "[bas]", 9, "measurement.estimate[0]", "did you mean 'base'?"),
     ("list", "[base]", "base", 9, "measurement.estimate", "expected a list"),
     ("number", "seed: 4", "seed: four", 3, "seed", "expected a whole number (found: four)"),

@@ -94,13 +94,13 @@ def page(symcal, tmp_path):
     return lambda path: _Page(path, symcal)
 
 
-@pytest.mark.parametrize("path", [each for each in PAGES if each.name != "api.md"], ids=_name)
+@pytest.mark.parametrize("path", [each for each in PAGES if each != README], ids=_name)
 def test_what_a_page_says_runs(page, path: Path) -> None:
     page(path).run(to_the_end=False)
 
 
 def test_the_twenty_lines_say_what_they_found(page, capsys) -> None:
-    page(DOCS / "api.md").run(to_the_end=False)
+    page(README).run(to_the_end=False)
     assert re.search(r"^\d+ of 25 directions seen, noise 0\.0\d\d mm$", capsys.readouterr().out, re.M)
     assert Path("calibrated.yaml").is_file()
 

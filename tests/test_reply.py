@@ -86,6 +86,7 @@ def test_an_error_has_its_parts_as_fields(symcal: Call, folder: Path, tmp_path: 
         "message": "not one of the allowed values",
         "file": str(robot),
         "line": line,
+        "part": None,
         "key": "convention",
         "column": None,
         "found": "standrad",

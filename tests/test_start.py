@@ -21,6 +21,7 @@ from symcal import cli
 
 ROOT = Path(__file__).resolve().parents[1]
 HEAVY = ("scipy.stats", "scipy.optimize", "pandas", "matplotlib", "cv2", "pymoo", "typst", "PIL", "jinja2")
+READERS = ("python_calamine", "rosbags", "symcal.readers.hand_eye", "symcal.readers.bags")
 
 _RUN = """
 import json, sys
@@ -79,7 +80,7 @@ def without_report(measured_experiment: Path, tmp_path_factory: pytest.TempPathF
 @pytest.mark.parametrize("file", ["handling_robot.yaml", "robots/handling_robot.yaml", "simulated_arm.yaml"])
 def test_a_check_loads_no_science(file: str) -> None:
     found = loaded("check", ROOT / "configs" / file)
-    assert not found.intersection((*HEAVY, "scipy.linalg", "scipy.special", "scipy.spatial"))
+    assert not found.intersection((*HEAVY, *READERS, "scipy.linalg", "scipy.special", "scipy.spatial"))
     rooms = ("vision", "images", "planning", "plots", "report", "page", "placing", "export", "trials")
     assert not [name for name in found if name.startswith(tuple(f"symcal.{room}" for room in rooms))]
     assert not found.intersection(("symcal.calibration.calibrate", "symcal.runs.run", "rich.progress"))

@@ -99,12 +99,13 @@ def decide(found: Evidence, tolerance: Tolerance | None = None) -> Decision:
     gain = Gain.of(found.errors, found.aside)
     reasons = list(_always(found, gain))
     if tolerance is None:
-        reasons += _without_tolerance(gain)
-        said = "" if gain is None else f"{gain.text}; no tolerance was given"
+        reasons += _without_tolerance(gain, found.frames_only)
+        text = gain and (_frames_text(gain) if found.frames_only else gain.text)
+        said = f"{text}; no tolerance was given" if text else ""
         return Decision(None, tuple(reasons), said, tuple(_cautions(found, gain, reasons)))
     reasons += against(found, tolerance)
     open_ = [*_cautions(found, gain, reasons), *cautions(found, tolerance)]
-    if gain is not None and not gain.beyond_chance:
+    if gain is not None and not gain.beyond_chance and not found.frames_only:
         open_.append(gain.text)
     return Decision(tolerance, tuple(reasons), basis(found, tolerance), tuple(open_))
 
@@ -156,11 +157,16 @@ def _worthless(found: Evidence) -> Iterator[Reason]:
             )
 
 
-def _without_tolerance(gain: Gain | None) -> Iterator[Reason]:
+def _without_tolerance(gain: Gain | None, frames_only: bool) -> Iterator[Reason]:
     if gain is None:
         yield Reason("unjudged", "nothing was held out of the identification, so nothing says what it is worth")
-    elif not gain.beyond_chance:
+    elif not gain.beyond_chance and not frames_only:
         yield Reason("no_gain", gain.text)
+
+
+def _frames_text(gain: Gain) -> str:
+    """What frames of a robot whose poses are data leave, in a sentence without a full stop."""
+    return f"{where_judged(gain.part)} the frames, which alone were estimated, leave {gain.after:.3g} {gain.unit} rms"
 
 
 def _cautions(found: Evidence, gain: Gain | None, reasons: Sequence[Reason]) -> Iterator[str]:

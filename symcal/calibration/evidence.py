@@ -42,6 +42,7 @@ class Evidence:
     area`), by the statistic of the tolerance. foremost: the parameter that has the largest part in that of position.
     outside: postures that the measured poses do not reach. lacks: what the model lacks. outliers, mistakes, halves: of
     results.json. aside: held-out poses that are gross slips: by number, their label. large: of joint terms, in words.
+    frames_only: no robot was calibrated, its poses being data (`symcal.robot.given`): there is no nominal one to beat.
     """
 
     errors: Mapping[str, Mapping[str, Errors]]
@@ -59,6 +60,7 @@ class Evidence:
     aside: Mapping[int, str] = field(default_factory=dict)
     large: tuple[str, ...] = ()
     conceivable: frozenset[str] = frozenset()
+    frames_only: bool = False
 
     @property
     def part(self) -> str | None:

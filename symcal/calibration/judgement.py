@@ -27,6 +27,7 @@ from symcal.data.dataset import Dataset
 from symcal.errors import RefusedError
 from symcal.fit.estimation import Options
 from symcal.model.model import State
+from symcal.robot.given import is_given
 from symcal.robot.robot import Robot
 from symcal.units import DEGREES
 
@@ -76,6 +77,7 @@ def decide_run(
         large=large_terms(calibration.robot),
         conceivable=conceivable(calibration.robot),
         aside=_slips(data, content.get("outliers", ())),
+        frames_only=is_given(calibration.robot),
     )
     if tolerance is not None and np.isfinite(after.x).all():
         asked = _some(measured) if postures is None else postures
@@ -124,6 +126,7 @@ def decide_validation(
         mistakes=content.get("mistakes", ()),
         halves=content.get("halves"),
         conceivable=conceivable(robot),
+        frames_only=is_given(robot),
     )
     return decide(found, tolerance)
 

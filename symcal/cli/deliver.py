@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from symcal.cli.app import Calibrated, Quiet, Seed
+
+if TYPE_CHECKING:
+    from symcal.robot.robot import Robot
 
 
 def compensate(
@@ -158,12 +161,21 @@ def export(
 
 
 def import_(
-    urdf: Annotated[Path, typer.Argument(metavar="ROBOT.urdf", help="URDF file")],
-    base: Annotated[str, typer.Option("--base", metavar="LINK", help="base link")],
-    tip: Annotated[str, typer.Option("--tip", metavar="LINK", help="tip link")],
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE", help="URDF, or of a UR calibration.conf or ur_calibration's YAML"),
+    ],
+    base: Annotated[str | None, typer.Option("--base", metavar="LINK", help="base link of a URDF")] = None,
+    tip: Annotated[str | None, typer.Option("--tip", metavar="LINK", help="tip link of a URDF")] = None,
+    arm: Annotated[
+        str | None, typer.Option("--arm", metavar="NAME", help="arm of the list that a UR calibration is of, as ur5e")
+    ] = None,
+    angles: Annotated[
+        str | None, typer.Option("--angles", help="how six frames mean roll, pitch, yaw: ur_calibration or urdf")
+    ] = None,
     out: Annotated[Path | None, typer.Option("--out", metavar="YAML", help="robot file [robot.yaml]")] = None,
 ) -> None:
-    """Read a URDF chain as a robot file."""
+    """Read a URDF chain, or a factory calibration of Universal Robots, as a robot file."""
     from rich.markup import escape
 
     from symcal.cli import terminal
@@ -171,15 +183,42 @@ def import_(
     from symcal.export.json import robot_json
     from symcal.outputs.whole_file import place_of
     from symcal.robot.files import save_robot
-    from symcal.robot.urdf import load_urdf
 
-    place = place_of(out, "robot.yaml", (urdf,))
+    place = place_of(out, "robot.yaml", (file,))
+    note = ""
+    if file.suffix.lower() in (".conf", ".yaml", ".yml"):
+        robot, note = _calibrated_ur(file, arm, angles)
+    elif base is None or tip is None:
+        raise typer.BadParameter("a URDF file needs the links that the chain is between", param_hint="--base, --tip")
+    else:
+        from symcal.robot.urdf import load_urdf
 
-    robot = load_urdf(urdf, base, tip)
+        robot = load_urdf(file, base, tip)
     save_robot(robot, place)
     reply(lambda: robot_json(robot), place)
     terminal.print_robot(robot)
+    if note:
+        terminal.output().print(note, markup=False, highlight=False)
     terminal.output().print(f"written to {escape(str(place))}")
+
+
+def _calibrated_ur(file: Path, arm: str | None, angles: str | None) -> tuple[Robot, str]:
+    """The robot of a factory calibration of Universal Robots, and what is to be said of it."""
+    from symcal.errors import InputError
+    from symcal.robot.arms import arm_file
+    from symcal.robot.files import load_robot
+    from symcal.robot.universal_robots import ANGLES, load_calibration_conf, load_six_frames, order_matters
+
+    nominal = None if arm is None else load_robot(arm_file(arm))
+    if file.suffix.lower() == ".conf":
+        if nominal is None:
+            message = "a calibration.conf says what is added to the nominal arm: say which that is, as --arm ur5e"
+            raise InputError(message, key="--arm")
+        return load_calibration_conf(file, nominal), ""
+    order = next((each for each in ANGLES if each == angles), None)
+    if angles is not None and order is None:
+        raise InputError("no such order of angles", key="--angles", found=angles, allowed=ANGLES)
+    return load_six_frames(file, order, nominal), order_matters(file)
 
 
 def schema(

@@ -150,6 +150,7 @@ def _identify(
             terminal.print_study(content)
         else:
             terminal.print_accuracy(content)
+            terminal.print_frames(content)
         terminal.print_decision(content)
         terminal.output().print(f"written to {escape(str(folder))}")
     if not content["decision"]["accepted"]:

@@ -102,6 +102,7 @@ def error_facts(error: SymcalError) -> dict[str, Any]:
         "message": error.message,
         "file": None if error.file is None else str(error.file),
         "line": error.line,
+        "part": error.part,
         "key": error.key,
         "column": error.column,
         "found": error.found,

@@ -184,6 +184,16 @@ def print_accuracy(content: Any) -> None:
         console.print(f"[bold]warning:[/bold] {escape(warning)}")
 
 
+def print_frames(content: Any) -> None:
+    """Where base and tool are, of a robot whose poses are data: what was asked for."""
+    from symcal.words import GIVEN
+
+    for name in ("base", "tool") if content["robot"]["name"] == GIVEN else ():
+        xyz, rpy = (", ".join(f"{v:.4f}" for v in content["frames"][name][key]) for key in ("xyz_mm", "rpy_deg"))
+        of = "base in world" if name == "base" else "tool on the flange"
+        output().print(f"{of}: xyz ({xyz}) mm, rpy ({rpy}) deg", highlight=False)
+
+
 def print_decision(content: Any) -> None:
     """Accepted, on what grounds, and with which cautions; what is refused ends the command with its reasons."""
     decision, console = content["decision"], output()

@@ -14,19 +14,24 @@ import yaml
 from numpy.typing import NDArray
 
 from symcal.calibration.tolerance import Tolerance
+from symcal.config.data_sources import FileData as FileData
+from symcal.config.data_sources import ImagesData as ImagesData
+from symcal.config.data_sources import SplitConfig
+from symcal.config.data_sources import TableData as TableData
 from symcal.config.experiment import ExperimentFile as ExperimentFile
 from symcal.config.experiment import RenderedData as RenderedData
 from symcal.config.experiment import SimulatedData as SimulatedData
 from symcal.config.experiment import experiment_type
-from symcal.config.measurements import FileData as FileData
-from symcal.config.measurements import ImagesData as ImagesData
-from symcal.config.measurements import SplitConfig
 from symcal.config.observations import board_of as board_of
 from symcal.config.observations import observed
 from symcal.config.sources import existing as existing
+from symcal.config.sources import files_of as files_of
+from symcal.config.sources import joints_of as joints_of
 from symcal.config.sources import layout_of as layout_of
+from symcal.config.sources import like
 from symcal.config.sources import reads_files as reads_files
 from symcal.config.sources import sources as sources
+from symcal.config.sources import table_of as table_of
 from symcal.data.measurement_file import Split
 from symcal.documents.document import Document, Key, read_document, validate
 from symcal.documents.yaml_dialect import parse_value
@@ -38,9 +43,10 @@ from symcal.model.observation import Observation
 from symcal.model.soundness import insist_on_values
 from symcal.model.task import Task
 from symcal.parameters import check_size
+from symcal.robot.given import GIVEN_FILE, NO_JOINTS, is_given
 from symcal.robot.robot import Robot
 from symcal.solvers.least_squares import Tolerances
-from symcal.words import is_term_number
+from symcal.words import GIVEN, is_term_number
 
 Array = NDArray[np.float64]
 
@@ -110,6 +116,8 @@ def resolved(file: ExperimentFile, document: Document, folder: Path) -> dict[str
     data: dict[str, Any] = file.model_dump(mode="json", by_alias=True, exclude_none=True)
     for path in _PATHS:
         _each_path(data, path, (), lambda text, key: _seen_from(folder, text, key, document))
+    if file.robot == GIVEN:
+        data["robot"] = GIVEN
     return data
 
 
@@ -120,7 +128,7 @@ def named_paths(file: ExperimentFile, document: Document) -> tuple[Path, ...]:
 
     def note(path: str, key: Key) -> str:
         with contextlib.suppress(InputError):
-            found.append(document.resolve(path, key))
+            found.extend(like(document.resolve(path, key)))
         return path
 
     for path in _PATHS:
@@ -147,6 +155,13 @@ def _seen_from(folder: Path, path: str, key: Key, document: Document) -> str:
     return path if "$" in path else os.path.relpath(document.resolve(path, key), folder.resolve())
 
 
+def robot_file_of(file: ExperimentFile, document: Document) -> Path:
+    """The robot file that an experiment names: a file, or `given_poses`, which is ours."""
+    if file.robot == GIVEN:
+        return GIVEN_FILE
+    return existing(document, file.robot, ("robot",), "robot file")
+
+
 def task_of(file: ExperimentFile, document: Document, robot: Robot) -> Task:
     """The identification task that an experiment describes, in mm and rad.
 
@@ -155,7 +170,11 @@ def task_of(file: ExperimentFile, document: Document, robot: Robot) -> Task:
         there.
     """
     i, units = file.identification, file.units
-    task = replace(observed(file, document), fix=tuple(i.fix))
+    if is_given(robot) and (i.groups or i.remainder != "none"):
+        key: Key = ("identification", "extend" if i.groups else "remainder")
+        raise document.error(NO_JOINTS, key)
+    exact = tuple(robot.parameters) if is_given(robot) else ()
+    task = replace(observed(file, document), fix=tuple(dict.fromkeys((*exact, *i.fix))))
     try:
         known = _unit_of(replace(task, fix=()), robot)
     except InputError as error:

@@ -11,9 +11,8 @@ from pydantic_core import PydanticCustomError
 from symcal.calibration.candidates import GROUPS, HIGHEST
 from symcal.calibration.tolerance import Of
 from symcal.config.counts import MOST
+from symcal.config.data_sources import BagData, FileData, ImagesData, PairsData, TrajectoryData
 from symcal.config.measurements import (
-    FileData,
-    ImagesData,
     MeasurementConfig,
     Name,
     TargetConfig,
@@ -226,7 +225,13 @@ class ExperimentFile(Strict):
     targets: dict[Name, TargetConfig] = {}
     measurements: dict[Name, Any] = {}
     plan: PlanConfig = PlanConfig.model_construct()
-    data: Annotated[FileData | ImagesData | SimulatedData | RenderedData, Field(discriminator="source")] | None = None
+    data: (
+        Annotated[
+            FileData | BagData | TrajectoryData | PairsData | ImagesData | SimulatedData | RenderedData,
+            Field(discriminator="source"),
+        ]
+        | None
+    ) = None
     identification: IdentificationConfig = IdentificationConfig.model_construct()
     validation: ValidationConfig = ValidationConfig.model_construct()
     study: StudyConfig | None = None

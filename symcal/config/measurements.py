@@ -18,6 +18,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError, PydanticKnownError
 
+from symcal.config.data_sources import SourceConfig
 from symcal.config.noise import KnownNoise, Positive
 from symcal.config.plan import PlacementConfig
 from symcal.documents.document import Strict
@@ -44,61 +45,6 @@ KindName = Annotated[str, AfterValidator(_registered), WithJsonSchema({"enum": l
 def word_or_given(value: object) -> str:
     """Which branch of a union is meant, so that a mistake is explained for that one."""
     return "word" if isinstance(value, str) else "given"
-
-
-class SplitConfig(Strict):
-    """Which poses train and which test: labels of a column, or a random share."""
-
-    column: str | None = None
-    train: list[str] = ["train"]
-    test: list[str] = ["test"]
-    test_fraction: Annotated[float, Field(gt=0, lt=1)] | None = None
-
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        if self.column is not None and self.test_fraction is not None:
-            raise PydanticCustomError("split", "give 'column' or 'test_fraction', not both")
-        for label in self.train:
-            if label in self.test:
-                message = "the label '{label}' stands under 'train' and under 'test'"
-                raise PydanticCustomError("split", message, {"label": label})
-        return self
-
-
-class FileData(Strict):
-    """Measurements from a CSV file.
-
-    columns: canonical name -> name in the file, or a list of names whose cells make one (`front/0`). where: cells of
-    the rows that count, by column.
-    """
-
-    source: Literal["file"]
-    file: str
-    columns: dict[str, str | list[str]] = {}
-    where: dict[str, str | int] = {}
-    split: SplitConfig = SplitConfig.model_construct()
-    delimiter: Literal[",", ";", "\t"] | None = None
-    decimal: Literal[".", ","] = "."
-
-
-class ImagesData(Strict):
-    """Measurements from images of a board or of discs, measured in the same run.
-
-    files: images, or folders of them. joints: CSV file with a column `image` and the joint readings at which each was
-    taken; `pose` and `split` if there are any.
-    """
-
-    source: Literal["images"]
-    files: str | Annotated[list[str], Field(min_length=1)]
-    joints: str
-    split: SplitConfig = SplitConfig.model_construct()
-
-    @property
-    def listed(self) -> list[str]:
-        return [self.files] if isinstance(self.files, str) else self.files
-
-
-SourceConfig = Annotated[FileData | ImagesData, Field(discriminator="source")]
 
 
 class MeasurementConfig(Strict):

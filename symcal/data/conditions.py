@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from symcal.data.dataset import Dataset
 from symcal.documents.table import Table
-from symcal.errors import InputError
 from symcal.joints.backlash import direction_name
 from symcal.joints.payload import PAYLOAD
 from symcal.robot.robot import Robot
@@ -44,7 +43,7 @@ def read_conditions(table: Table, robot: Robot) -> dict[str, Array]:
         given = [column for column in columns if column in table.columns]
         if len(given) > 1:
             message = f"columns '{given[0]}' and '{given[1]}' are the same direction twice: keep one"
-            raise InputError(message, file=table.path, line=table.head_line)
+            raise table.error(message)
         for column in given:
             values = table.numbers(column)
             if name == PAYLOAD:
@@ -60,7 +59,7 @@ def read_conditions(table: Table, robot: Robot) -> dict[str, Array]:
 def _check(table: Table, column: str, wrong: NDArray[np.bool_], message: str, allowed: Sequence[str]) -> None:
     for row in np.flatnonzero(wrong):
         cell = table.text(column)[row]
-        raise InputError(message, file=table.path, line=table.lines[row], column=column, found=cell, allowed=allowed)
+        raise table.error(message, row=row, column=column, found=cell, allowed=allowed)
 
 
 def of_postures(
@@ -81,11 +80,9 @@ def of_postures(
     for name, values in found.items():
         for row in np.flatnonzero(values != values[firsts][place]):
             column = next(c for c in condition_columns(robot)[name] if c in table.columns)
-            first = table.lines[firsts[place[row]]]
-            message = f"pose {labels[place[row]]!r} has another value of this here than in line {first}"
-            raise InputError(
-                message, file=table.path, line=table.lines[row], column=column, found=table.text(column)[row]
-            )
+            first = table.said(firsts[place[row]])
+            message = f"pose {labels[place[row]]!r} has another value of this here than in {first}"
+            raise table.error(message, row=row, column=column, found=table.text(column)[row])
     return {name: values[firsts] for name, values in found.items()}
 
 

@@ -1,4 +1,4 @@
-"""CSV files of measurements, read.
+"""Tables of measurements, read: of CSV files, sheets, and what else `symcal.readers` makes a table of.
 
 One row per observation: `pose,q1_deg,...,point,x_mm,y_mm,z_mm` (position; or wide, `P1_x_mm,...`),
 `x_m,y_m,z_m,qx,qy,qz,qw` or `roll_deg,pitch_deg,yaw_deg` (pose), `pose,q1_deg,...,point,u_px,v_px` (pixels),
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from symcal import spatial
 from symcal.data.conditions import condition_columns, of_postures, read_conditions
 from symcal.data.dataset import Dataset, Readings
+from symcal.data.labels import labels_of, of_session, pose_keys, provenance_of
 from symcal.data.layout import Layout
 from symcal.data.notes import notes, refuse_more_joints, unread
 from symcal.data.split import Split as Split
@@ -26,6 +27,7 @@ from symcal.documents.table import Table, joint_readings
 from symcal.errors import InputError
 from symcal.instruments import KINDS, Instrument, Quantity, kind_named
 from symcal.parameters import Unit
+from symcal.robot.given import STEMS, is_given, with_given_readings
 from symcal.robot.robot import Robot
 from symcal.units import ANGLE, LENGTH, PIXEL, split_unit
 
@@ -37,7 +39,7 @@ _FRAME_ANGLES = ("roll", "pitch", "yaw")
 
 
 def load_measurements(
-    path: Path | str,
+    path: Path | str | Sequence[Path],
     robot: Robot,
     kind: str | Instrument,
     *,
@@ -45,20 +47,17 @@ def load_measurements(
     columns: Mapping[str, str | Sequence[str]] | None = None,
     split: Split | None = None,
     delimiter: str | None = None,
-    decimal: str = ".",
+    decimal: str | None = None,
     where: Mapping[str, str] | None = None,
-    session: str | None = None,
-    alone: bool = True,
+    sheet: str | None = None,
     name: str = "",
 ) -> Dataset:
-    """Read a CSV file of measurements by one instrument.
+    """Read measurements by one instrument from a CSV, Excel or ODS file, or from several.
 
     Args:
         kind: the instrument, or the name of its kind. point_names: the points or axes expected; those of the file when
-            empty. columns, where, delimiter, decimal: see `Layout`. split: as the config says; a column called `split`
-            is used when there is one. alone: whether nothing else was measured, so that some of it must train.
-            session: only rows of this one, and poses are then called without it. name: of the observation; that of the
-            kind when empty.
+            empty. columns, where, delimiter, decimal, sheet: see `Layout`. split: as the config says; a column called
+            `split` is used when there is one. name: of the observation; that of the kind when empty.
     Raises:
         InputError: with line and column for everything that cannot be read; nothing is dropped silently.
 
@@ -73,9 +72,34 @@ def load_measurements(
         >>> len(sc.load_measurements("measurements.csv", robot, "position"))
         40
     """
-    layout = Layout(columns or {}, where or {}, delimiter, decimal)
-    whole = layout.table(path) if session is None else layout.table(path).where({"session": session})
-    table = whole if session is None else whole.without("session")
+    layout = Layout(columns or {}, where or {}, delimiter, decimal, sheet)
+    return measurements_in(layout.table(path), robot, kind, layout, point_names=point_names, split=split, name=name)
+
+
+def measurements_in(
+    whole: Table,
+    robot: Robot,
+    kind: str | Instrument,
+    layout: Layout,
+    *,
+    point_names: Sequence[str] = (),
+    split: Split | None = None,
+    session: str | None = None,
+    alone: bool = True,
+    name: str = "",
+) -> Dataset:
+    """The measurements in a table by one instrument.
+
+    Args:
+        layout: how the table was read. session: only rows of this one, and poses are then called without it. alone:
+            whether nothing else was measured, so that some of it must train. Others: as `load_measurements`.
+    Raises:
+        InputError: as `load_measurements`.
+    """
+    if is_given(robot) and "flange_x" in whole.stems():
+        whole = with_given_readings(whole)
+    whole = whole if session is None else whole.where({"session": session})
+    table = whole if session is None else of_session(whole, session)
     split, expected = split or Split(), tuple(point_names)
     reads = kind_named(kind)() if isinstance(kind, str) else kind
     measured = _measured_stems(table, reads, expected)
@@ -83,23 +107,25 @@ def load_measurements(
     for canonical in layout.columns:
         if split_unit(canonical)[0] not in known:
             message = "'columns' gives a column a name that means nothing here"
-            raise InputError(message, file=path, key="columns", found=canonical, allowed=sorted(known))
+            raise InputError(message, file=table.path, key="columns", found=canonical, allowed=sorted(known))
     q = joint_readings(table, [(joint.name, joint.revolute) for joint in robot.joints], measured)
     conditions = read_conditions(table, robot)
     poses: Sequence[object] = range(len(table))
     if reads.reads == "frame":
         data = replace(_read_pose(table, q, reads), conditions=conditions)
     elif measured or reads.constrains:
-        poses = _pose_keys(table, np.column_stack([q, *conditions.values()]))
+        poses = pose_keys(table, np.column_stack([q, *conditions.values()]))
         data, firsts, place = _read_long(table, q, poses, reads, expected)
         data = replace(data, conditions=of_postures(table, conditions, robot, data.labels, place, firsts))
     else:
         data = replace(_read_wide(table, q, reads, expected), conditions=conditions)
-    data = replace(data, split=splits(whole, poses, split, alone=session is None and alone), provenance=str(path))
+    data = replace(
+        data, split=splits(whole, poses, split, alone=session is None and alone), provenance=provenance_of(table)
+    )
     data = replace(data, of=(replace(data.only, name=name or reads.name),))
     if reads.constrains and "pose" not in table.columns:  # a posture touches one thing, and none here is called by name
         data = replace(data, labels=tuple(f"{data.only.name} {label}" for label in data.labels))
-    passed = {*known, *(layout.where or {}), *(c for n in layout.columns.values() if not isinstance(n, str) for c in n)}
+    passed = {*known, *layout.where, *(c for n in layout.columns.values() if not isinstance(n, str) for c in n)}
     more = refuse_more_joints(table, passed, robot)
     return replace(data, notes=(*notes(data, robot), *more, *unread(table, passed, expected)))
 
@@ -127,28 +153,9 @@ def _known_stems(table: Table, robot: Robot, split: Split, kind: Instrument) -> 
     joints = {name for i, joint in enumerate(robot.joints, start=1) for name in (f"q{i}", joint.name)}
     measured = {name for each in every for name, _ in each.columns} | set(_FRAME_ANGLES)
     conditions = {name for names in condition_columns(robot).values() for name in names}
-    return {"pose", "point", "session", split.column or "split"} | sigmas | wide | joints | measured | conditions
-
-
-def _pose_keys(table: Table, postures: Array) -> list[object]:
-    """What tells the posture of each row: its name within its session, or its joint readings with its conditions."""
-    if "pose" in table.columns:
-        names = table.text("pose")
-        return [(s, n) if s else n for s, n in zip(_sessions(table), names, strict=True)]
-    if "point" in table.columns:
-        return [tuple(row) for row in postures.tolist()]
-    return list(range(len(table)))
-
-
-def _sessions(table: Table) -> list[str]:
-    return table.text("session") if "session" in table.columns else [""] * len(table)
-
-
-def _labels(table: Table, rows: NDArray[np.intp]) -> tuple[str, ...]:
-    if "pose" in table.columns:
-        names, sessions = table.text("pose"), _sessions(table)
-        return tuple(f"{sessions[i]}/{names[i]}" if sessions[i] else names[i] for i in rows)
-    return tuple(str(i) for i in range(len(rows)))
+    own = set(STEMS) if is_given(robot) else set()
+    names = {"pose", "point", "session", split.column or "split"}
+    return names | sigmas | wide | joints | measured | conditions | own
 
 
 def _values(table: Table, kind: Instrument) -> Array:
@@ -165,18 +172,13 @@ def _values(table: Table, kind: Instrument) -> Array:
         ]
     )
     for row in np.flatnonzero(np.isnan(values).all(axis=1)):
-        raise InputError("nothing was measured in this row: remove it", file=table.path, line=table.lines[row])
+        raise table.error("nothing was measured in this row: remove it", row=row)
     return values
 
 
 def _plain(table: Table, name: str, kind: Instrument) -> str:
     if name not in table.columns:
-        raise InputError(
-            f"there is no column '{name}' of the measured {kind.label}",
-            file=table.path,
-            line=table.head_line,
-            found=", ".join(table.columns),
-        )
+        raise table.error(f"there is no column '{name}' of the measured {kind.label}", found=", ".join(table.columns))
     return name
 
 
@@ -190,25 +192,25 @@ def _read_long(
         names = names or ("P",)
         if len(names) != 1:
             message = f"the measurement has {len(names)} points, but the file has no 'point' column"
-            raise InputError(message, file=table.path, line=table.head_line, allowed=names)
+            raise table.error(message, allowed=names)
         points = [names[0]] * len(table)
     names = names or tuple(dict.fromkeys(points))
     place = {key: i for i, key in enumerate(dict.fromkeys(keys))}
     of_row = np.array([place[key] for key in keys], dtype=np.intp)
     firsts = np.unique(of_row, return_index=True)[1].astype(np.intp)
-    labels = _labels(table, firsts)
+    labels = labels_of(table, firsts)
     values = _values(table, kind)
     noise = _sigmas(table, kind)
     if len(place) * len(names) * max(size, width) > _MOST:
         message = f"{len(place)} poses of {len(names)} points: are 'pose' and 'point' what tells them apart?"
-        raise InputError(message, file=table.path, line=table.head_line)
+        raise table.error(message)
     which = _of_points(table, points, names)
     more = np.flatnonzero(firsts[of_row] != np.arange(len(table)))
     moved = np.abs(q[more] - q[firsts[of_row[more]]]).max(axis=1, initial=0.0) > 1e-9
     for row in more[moved]:
         i = of_row[row]
-        message = f"pose {labels[i]!r} has other joint readings here than in line {table.lines[firsts[i]]}"
-        raise InputError(message, file=table.path, line=table.lines[row], column="pose")
+        message = f"pose {labels[i]!r} has other joint readings here than in {table.said(firsts[i])}"
+        raise table.error(message, row=row, column="pose")
     repeated = np.ones(len(table), dtype=np.bool_)
     repeated[np.unique(of_row * len(names) + which, return_index=True)[1]] = False
     for row in np.flatnonzero(repeated) if size else ():
@@ -216,7 +218,7 @@ def _read_long(
             f"point '{points[row]}' of pose '{labels[of_row[row]]}' stands twice; "
             "give repeated measurements a pose of their own"
         )
-        raise InputError(message, file=table.path, line=table.lines[row], column="pose")
+        raise table.error(message, row=row, column="pose")
     z = np.full((len(place), len(names) * size), np.nan)
     sigma = np.full((len(place), len(names) * width), np.nan)
     z.reshape(len(place), len(names), size)[of_row, which] = values
@@ -231,13 +233,8 @@ def _of_points(table: Table, points: Sequence[str], names: Sequence[str]) -> NDA
     number = {name: k for k, name in enumerate(names)}
     for row, point in enumerate(points):
         if point not in number:
-            raise InputError(
-                "no such point among those of the measurement",
-                file=table.path,
-                line=table.lines[row],
-                column="point",
-                found=point,
-                allowed=names,
+            raise table.error(
+                "no such point among those of the measurement", row=row, column="point", found=point, allowed=names
             )
     return np.array([number[point] for point in points], dtype=np.intp)
 
@@ -247,21 +244,15 @@ def _read_wide(table: Table, q: Array, kind: Instrument, expected: tuple[str, ..
     names = expected or found
     for name in names:
         if name not in found:
-            raise InputError(
-                "the file has no columns for this point of the measurement",
-                file=table.path,
-                line=table.head_line,
-                found=name,
-                allowed=found,
-            )
+            raise table.error("the file has no columns for this point of the measurement", found=name, allowed=found)
     z = np.column_stack(
         [table.quantity(f"{n}_{c}", LENGTH, f"{c} of point '{n}'", empty=True) for n in names for c in "xyz"]
     )
     for row in range(len(z)):
         if np.isnan(z[row]).all():
-            raise InputError("no point was measured in this row: remove it", file=table.path, line=table.lines[row])
+            raise table.error("no point was measured in this row: remove it", row=row)
     sigma = _sigma(table, list(kind.quantities) * len(names), LENGTH)
-    return Dataset((Readings(kind, "", names),), q, z, _labels(table, np.arange(len(z))), (), sigma)
+    return Dataset((Readings(kind, "", names),), q, z, labels_of(table, np.arange(len(z))), (), sigma)
 
 
 def _read_pose(table: Table, q: Array, kind: Instrument) -> Dataset:
@@ -270,25 +261,17 @@ def _read_pose(table: Table, q: Array, kind: Instrument) -> Dataset:
     if "qw" in stems or "qx" in stems:
         for c in ("qx", "qy", "qz", "qw"):
             if c not in table.columns:
-                raise InputError(
-                    "a quaternion column is missing",
-                    file=table.path,
-                    line=table.head_line,
-                    column=c,
-                    allowed=table.columns,
-                )
+                raise table.error("a quaternion column is missing", column=c, allowed=table.columns)
         quaternion = np.column_stack([table.numbers(c) for c in ("qx", "qy", "qz", "qw")])
         for row in np.flatnonzero(np.abs(np.linalg.norm(quaternion, axis=1) - 1) > 1e-3):
             norm = float(np.linalg.norm(quaternion[row]))
-            raise InputError(
-                "the quaternion is not of unit length", file=table.path, line=table.lines[row], found=f"{norm:.6g}"
-            )
+            raise table.error("the quaternion is not of unit length", row=row, found=f"{norm:.6g}")
     else:
         angles = [table.quantity(c, ANGLE, f"the measured {c} (or qx, qy, qz, qw)") for c in _FRAME_ANGLES]
         quaternion = spatial.matrix_quaternions(spatial.rpy_matrix(np.column_stack(angles)))
     sigma = _sigmas(table, kind)
     z = np.hstack([xyz, quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)])
-    return Dataset((Readings(kind, ""),), q, z, _labels(table, np.arange(len(z))), (), sigma)
+    return Dataset((Readings(kind, ""),), q, z, labels_of(table, np.arange(len(z))), (), sigma)
 
 
 def _sigmas(table: Table, kind: Instrument) -> Array | None:
@@ -311,5 +294,5 @@ def _sigma(table: Table, quantities: list[Quantity], units: Mapping[str, float])
     out = [table.quantity(stem, units, f"the measurement's {stem}") for stem in wanted]
     values = np.column_stack(out)
     for row in np.flatnonzero((values <= 0).any(axis=1)):
-        raise InputError("a sigma must be positive", file=table.path, line=table.lines[row], found=values[row].min())
+        raise table.error("a sigma must be positive", row=row, found=values[row].min())
     return values

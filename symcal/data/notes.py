@@ -10,7 +10,6 @@ import numpy as np
 
 from symcal.data.dataset import Dataset
 from symcal.documents.table import Table
-from symcal.errors import InputError
 from symcal.robot.robot import Robot
 from symcal.units import split_unit
 from symcal.words import plural
@@ -108,13 +107,11 @@ def refuse_more_joints(table: Table, known: Collection[str], robot: Robot) -> li
         if stem in known or not re.fullmatch(r"q\d+", stem) or int(stem[1:]) <= robot.dof:
             continue
         if len(set(table.text(column))) > 1:
-            raise InputError(
+            message = (
                 f"the robot has {plural(robot.dof, 'joint')}, and this is a column of another one, which moves: the "
-                "file is of another robot, or the robot file lacks a joint; rename the column if it is none",
-                file=table.path,
-                line=table.head_line,
-                column=column,
+                "file is of another robot, or the robot file lacks a joint; rename the column if it is none"
             )
+            raise table.error(message, column=column)
         found.append(f"column '{column}' is not read: the robot has {plural(robot.dof, 'joint')}, and it never changes")
     return found
 
@@ -134,4 +131,4 @@ def unread(table: Table, known: Collection[str], points: Collection[str]) -> tup
         found.append(f"the file has points that the measurement does not name: {', '.join(unasked)} (not used)")
     if table.hidden:
         found.append(f"{plural(table.hidden, 'row')} commented out with '#'")
-    return tuple(found)
+    return (*table.notes, *found)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from symcal.documents.table import Table
-from symcal.errors import InputError
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,24 +38,20 @@ def splits(table: Table, poses: Sequence[object], split: Split, *, alone: bool =
         return ("train",) * len(first)
     if column not in table.columns:
         message = "there is no such column for the split"
-        raise InputError(message, file=table.path, line=table.head_line, found=column, allowed=table.columns)
+        raise table.error(message, found=column, allowed=table.columns)
     cells = table.text(column)
     named = {**dict.fromkeys(split.train, "train"), **dict.fromkeys(split.test, "test")}
     out = []
     for i in first.values():
         if cells[i] not in named and split.column is None:
             message = "this label is neither 'train' nor 'test': say under 'data.split' which labels are which"
-            raise InputError(
-                message, file=table.path, line=table.lines[i], column=column, found=cells[i], allowed=named
-            )
+            raise table.error(message, row=i, column=column, found=cells[i], allowed=named)
         out.append(named.get(cells[i], "unused"))
     for row, key in enumerate(poses):
         if cells[row] != cells[first[key]]:
-            message = f"this pose has another split in line {table.lines[first[key]]}: a pose is held out as a whole"
-            raise InputError(message, file=table.path, line=table.lines[row], column=column, found=cells[row])
+            message = f"this pose has another split in {table.said(first[key])}: a pose is held out as a whole"
+            raise table.error(message, row=row, column=column, found=cells[row])
     if alone and "train" not in out:
         message = f"no pose is for training: none has the label {' or '.join(map(repr, split.train))}"
-        raise InputError(
-            message, file=table.path, line=table.head_line, column=column, found=", ".join(dict.fromkeys(cells))
-        )
+        raise table.error(message, column=column, found=", ".join(dict.fromkeys(cells)))
     return tuple(out)

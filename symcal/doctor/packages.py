@@ -18,6 +18,7 @@ MODULES = {"opencv-python-headless": "cv2", "pyyaml": "yaml"}
 
 USES = {
     "fast": "a C compiler",
+    "ros": "ROS 2 bags as measurements",
     "cluster": "studies on a Dask cluster, tables as Parquet",
     "bench": "other programs beside symcal in `symcal bench`",
     "test": "the tests",

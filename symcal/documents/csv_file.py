@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 
+from symcal.documents.decimal_sign import found_decimal
 from symcal.documents.read import CONTROL, MB, TABLE_LIMIT, read_pieces
 from symcal.documents.table import NUMBER, Table
 from symcal.errors import InputError
@@ -27,18 +28,19 @@ def read_table(
     columns: Mapping[str, str] | None = None,
     *,
     delimiter: str | None = None,
-    decimal: str = ".",
+    decimal: str | None = ".",
     piece: int = _PIECE,
 ) -> Table:
     """Read a CSV file with one header line; lines that start with '#' and empty ones are passed over.
 
     Args:
         columns: canonical name -> name in the file, for columns that are called otherwise there.
-        delimiter: found from the header when None: comma, semicolon or tab. decimal: the decimal sign of the file.
+        delimiter: found from the header when None: comma, semicolon or tab. decimal: the decimal sign of the file;
+            found from its first rows when None, and what was found is among the table's notes.
         piece: bytes of the file that are looked at together.
     Raises:
         InputError: no such file, not text, no header, a name twice, a mapped column that is not there, a row of
-        another length, or more rows or cells than are read.
+        another length, more rows or cells than are read, or a header or numbers that can be read in two ways.
     """
     path = Path(path)
     pieces = _pieces(path, piece)
@@ -46,9 +48,9 @@ def read_table(
     if first is None:
         raise InputError("the file is empty", file=path)
     ((head_line, *numbers), (head, *lines)), comments = first
-    separator = delimiter or max(_DELIMITERS, key=head.count)
+    separator = delimiter or _delimiter(path, head_line, head)
     header = _cells(path, head_line, head, separator)
-    _check_header(path, head_line, header)
+    check_header(path, head_line, header)
     cells: list[list[str]] = [[] for _ in header]
     places: list[Sequence[int]] = []
     hidden = count = 0
@@ -67,13 +69,26 @@ def read_table(
             column.append("\n".join(part))
     named = [i for i, name in enumerate(header) if name or any(part.strip("\n") for part in cells[i])]
     header = tuple(header[i] for i in named)  # spreadsheets leave ',,'
-    times = Counter(header)
-    for name in header:
-        if not name or times[name] > 1:
-            message = "two columns have this name" if name else "a column without a name"
-            raise InputError(message, file=path, line=head_line, found=name or None)
-    canonical = _renamed(path, head_line, header, columns or {})
-    return Table(path, canonical, tuple(tuple(cells[i]) for i in named), _joined(places), head_line, decimal, hidden)
+    canonical = canonical_names(path, head_line, header, columns or {})
+    kept = tuple(tuple(cells[i]) for i in named)
+    sign, notes = (decimal, ()) if decimal else found_decimal(path, canonical, kept)
+    if notes and delimiter is None and separator != ",":
+        notes = (f"the cells of the file are separated by {separator!r}, as its header says", *notes)
+    return Table(path, canonical, kept, _joined(places), head_line, sign, hidden, notes=notes)
+
+
+def _delimiter(path: Path, line: int, head: str) -> str:
+    """What separates the cells of a header.
+
+    Raises:
+        InputError: two of them stand in it equally often.
+    """
+    most = max(map(head.count, _DELIMITERS))
+    found = [each for each in _DELIMITERS if head.count(each) == most]
+    if most and len(found) > 1:
+        message = "the header can be taken apart in two ways: say 'delimiter:' where the experiment names the file"
+        raise InputError(message, file=path, line=line, found=head, allowed=map(repr, found))
+    return found[0]
 
 
 def _pieces(path: Path, piece: int) -> Iterator[tuple[Lines, list[str]]]:
@@ -97,12 +112,17 @@ def _pieces(path: Path, piece: int) -> Iterator[tuple[Lines, list[str]]]:
         yield _taken((numbers, lines), kept), comments
 
 
-def _check_header(path: Path, line: int, header: Sequence[str]) -> None:
+def check_header(path: Path, line: int, header: Sequence[str], part: str | None = None) -> None:
+    """Refuse a header that names nothing.
+
+    Raises:
+        InputError: too many columns, or a header of numbers.
+    """
     if len(header) > _MOST_COLUMNS:
-        raise InputError(f"the table has {len(header)} columns: at most {_MOST_COLUMNS} are read", file=path)
+        raise InputError(f"the table has {len(header)} columns: at most {_MOST_COLUMNS} are read", file=path, part=part)
     if all(NUMBER.fullmatch(name) for name in header):
         message = "the first line must name the columns, each with its unit: here it is numbers"
-        raise InputError(message, file=path, line=line)
+        raise InputError(message, file=path, line=line, part=part)
 
 
 def _rows(path: Path, given: Lines, delimiter: str, width: int) -> tuple[Sequence[int], Sequence[Sequence[str]]]:
@@ -150,16 +170,27 @@ def _cells(path: Path, number: int, line: str, delimiter: str) -> tuple[str, ...
     return tuple(cell.strip() for cell in row)
 
 
-def _renamed(path: Path, line: int, header: Sequence[str], columns: Mapping[str, str]) -> tuple[str, ...]:
+def canonical_names(
+    path: Path, line: int, header: Sequence[str], columns: Mapping[str, str], part: str | None = None
+) -> tuple[str, ...]:
+    """The names of columns, with those that `columns` gives them: canonical name -> name in the file.
+
+    Raises:
+        InputError: a column without a name, a name twice, or a mapped column that is not there.
+    """
+    times = Counter(header)
+    for name in header:
+        if not name or times[name] > 1:
+            message = "two columns have this name" if name else "a column without a name"
+            raise InputError(message, file=path, line=line, part=part, found=name or None)
     for canonical, name in columns.items():
         if name not in header:
             message = f"'columns:' maps '{canonical}' to a column that the file does not have"
-            raise InputError(message, file=path, line=line, found=name, allowed=header)
+            raise InputError(message, file=path, line=line, part=part, found=name, allowed=header)
     back = {name: canonical for canonical, name in columns.items()}
-    renamed = tuple(back.get(name, name) for name in header)
+    found = tuple(back.get(name, name) for name in header)
     for name in columns:
-        if renamed.count(name) > 1:
-            raise InputError(
-                "'columns:' gives this name to a column, and another has it", file=path, line=line, found=name
-            )
-    return renamed
+        if found.count(name) > 1:
+            message = "'columns:' gives this name to a column, and another has it"
+            raise InputError(message, file=path, line=line, part=part, found=name)
+    return found

@@ -115,9 +115,11 @@ def dotted(key: Key) -> str:
     return text
 
 
-def read_document(path: Path | str) -> Document:
+def read_document(path: Path | str, listed: str | None = None) -> Document:
     """Read a YAML mapping; never runs code.
 
+    Args:
+        listed: key that a list at the top is taken to stand under; without it, none may stand there.
     Raises:
         InputError: no such file, not text, not YAML, a key twice, or not a mapping at the top.
     """
@@ -125,11 +127,14 @@ def read_document(path: Path | str) -> Document:
     text = read_text(path, DOCUMENT_LIMIT)
     try:
         loader, node = compose(text)
-        if not isinstance(node, yaml.MappingNode):
+        under: Key = (listed,) if listed is not None and isinstance(node, yaml.SequenceNode) else ()
+        if not isinstance(node, yaml.SequenceNode if under else yaml.MappingNode):
             raise InputError("expected 'key: value' lines at the top of the file", file=path, line=1)
-        lines: dict[Key, int] = {}
-        _walk(node, (), lines, path)
+        lines: dict[Key, int] = {(): 1} if under else {}
+        _walk(node, under, lines, path)
         data = loader.construct_document(node)
+        if under:
+            data = {listed: data}
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         raise InputError("a control character in the text: is this a YAML file?", file=path, line=line) from None

@@ -1,4 +1,4 @@
-"""Tables of text cells: every cell keeps its line, every column its unit, and what cannot be read is named."""
+"""Tables of text cells: every cell keeps its place, every column its unit, and what cannot be read is named."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
+from typing import SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,24 +30,69 @@ NUMBER = re.compile(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?")
 
 
 @dataclass(frozen=True, slots=True)
+class Origin:
+    """A file that rows of a table come from.
+
+    name: what tells it from the others, in labels. part: of the file, as an error names it: a sheet, a topic.
+    """
+
+    path: Path
+    name: str = ""
+    part: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Table:
-    """Text cells of a CSV file.
+    """Text cells of a CSV file, of a sheet, or of what another reader found.
 
     columns: header names. cells: of every column, in pieces of consecutive rows, a line feed between two. lines,
-        head_line: where in the file every row and the header stand. hidden: lines with as many cells that begin with
-        '#' and are therefore no rows.
+        head_line: where in the file every row and the header stand; no head_line where rows have no place of their own.
+        hidden: lines with as many cells that begin with '#' and are therefore no rows. part: of the file. notes: what
+        was found out about the file and is to be said. origins, of: where the rows come from several files, these, and
+        the number of the file of every row.
     """
 
     path: Path
     columns: tuple[str, ...]
     cells: tuple[tuple[str, ...], ...]
     lines: range | array[int]
-    head_line: int = 1
+    head_line: int | None = 1
     decimal: str = "."
     hidden: int = 0
+    part: str = ""
+    notes: tuple[str, ...] = ()
+    origins: tuple[Origin, ...] = ()
+    of: array[int] | None = None
 
     def __len__(self) -> int:
         return len(self.lines)
+
+    def origin(self, row: SupportsIndex | None = None) -> Origin:
+        """The file of a row; the first one without."""
+        if self.of is None:
+            return Origin(self.path, part=self.part)
+        return self.origins[0 if row is None else self.of[row]]
+
+    def error(
+        self,
+        message: str,
+        *,
+        row: SupportsIndex | None = None,
+        column: str | None = None,
+        found: object = None,
+        allowed: Iterable[str] = (),
+    ) -> InputError:
+        """An error that names the place of a row, or of the header."""
+        own = self.origin(row)
+        line = None if self.head_line is None else self.head_line if row is None else self.lines[row]
+        return InputError(
+            message, file=own.path, line=line, part=own.part or None, column=column, found=found, allowed=allowed
+        )
+
+    def said(self, row: SupportsIndex) -> str:
+        """Where a row stands, in words."""
+        what = "row" if self.part else "line"
+        return f"{what} {self.lines[row]}" + (f" of {self.origin(row).path.name}" if self.of is not None else "")
 
     def text(self, column: str) -> list[str]:
         """The cells of a column."""
@@ -69,18 +115,19 @@ class Table:
             cell = cells[bad[0]]
             comma = self.decimal == "." and "," in cell and NUMBER.fullmatch(cell.replace(",", ".", 1))
             problem = (
-                "an empty cell"
+                _EMPTY[bool(self.part)]
                 if not cell
                 else f"no number here can be larger than {LARGEST:g}"
                 if np.isfinite(values[bad[0]])
-                else "a decimal comma: say \"decimal: ','\" where the experiment names the file"
+                else _comma(bool(self.part))
                 if comma
-                else "not a finite number"
+                else _OTHER.get(_kind(cell), "not a finite number")
             )
-            more = ", ".join(str(self.lines[i]) for i in bad[1:_NAMED]) + (", ..." if len(bad) > _NAMED else "")
-            message = f"{problem}{f' (also in line {more})' if more else ''}"
+            also = [i for i in bad[1:] if self.of is None or self.of[i] == self.of[bad[0]]]
+            more = ", ".join(str(self.lines[i]) for i in also[: _NAMED - 1]) + (", ..." if len(also) >= _NAMED else "")
+            message = problem + (f" (also in {'row' if self.part else 'line'} {more})" if more else "")
             message += "" if comma else "; mend or remove the row"
-            raise InputError(message, file=self.path, line=self.lines[bad[0]], column=column, found=cell or None)
+            raise self.error(message, row=bad[0], column=column, found=cell or None)
         return values * factor
 
     def stems(self) -> dict[str, tuple[str, str | None]]:
@@ -94,7 +141,7 @@ class Table:
             stem, unit = split_unit(column)
             if stem in found:
                 message = f"columns '{found[stem][0]}' and '{column}' are the same quantity twice"
-                raise InputError(message, file=self.path, line=self.head_line)
+                raise self.error(message)
             found[stem] = (column, unit)
         return found
 
@@ -114,7 +161,7 @@ class Table:
             problem = "has no unit" if unit is None else f"has the unit '{unit}'"
             message = f"the column of {what} {problem}: name it with its unit, or map it under 'columns'"
             allowed = [f"{stem}_{u}" for u in kinds]
-            raise InputError(message, file=self.path, line=self.head_line, column=column, allowed=allowed)
+            raise self.error(message, column=column, allowed=allowed)
         return self.numbers(column, kinds[unit], empty=empty)
 
     def where(self, wanted: Mapping[str, str]) -> Table:
@@ -127,12 +174,14 @@ class Table:
         for column, value in wanted.items():
             if column not in table.columns:
                 message = "'where:' names a column that the file does not have"
-                raise InputError(message, file=self.path, line=self.head_line, found=column, allowed=self.columns)
+                raise self.error(message, found=column, allowed=self.columns)
             cells = table.text(column)
             kept = [i for i, cell in enumerate(cells) if cell == value]
             if not kept:
                 message = f"no row has '{value}' under '{column}'"
-                raise InputError(message, file=self.path, found=value, allowed=dict.fromkeys(cells))
+                raise InputError(
+                    message, file=self.path, part=self.part or None, found=value, allowed=dict.fromkeys(cells)
+                )
             if len(kept) < len(cells):
                 table = table._take(kept)
         return table
@@ -143,7 +192,8 @@ class Table:
         for column in self.columns:
             cells = self.text(column)
             chosen.append(("\n".join([cells[i] for i in rows]),))
-        return replace(self, cells=tuple(chosen), lines=array("q", [self.lines[i] for i in rows]))
+        of = None if self.of is None else array("q", [self.of[i] for i in rows])
+        return replace(self, cells=tuple(chosen), lines=array("q", [self.lines[i] for i in rows]), of=of)
 
     def with_compound(self, name: str, parts: Sequence[str]) -> Table:
         """With a column more, made of the cells of several: `front/0`.
@@ -154,10 +204,14 @@ class Table:
         for part in parts:
             if part not in self.columns:
                 message = f"'columns:' makes '{name}' of a column that the file does not have"
-                raise InputError(message, file=self.path, line=self.head_line, found=part, allowed=self.columns)
+                raise self.error(message, found=part, allowed=self.columns)
         made = "\n".join(map("/".join, zip(*(self.text(part) for part in parts), strict=True)))
+        return self.with_column(name, made)
+
+    def with_column(self, name: str, cells: str) -> Table:
+        """With a column, instead of one of its name; cells: with a line feed between two."""
         own = self.without(name)
-        return replace(own, columns=(*own.columns, name), cells=(*own.cells, (made,)))
+        return replace(own, columns=(*own.columns, name), cells=(*own.cells, (cells,)))
 
     def without(self, column: str) -> Table:
         """Without a column."""
@@ -173,7 +227,27 @@ class Table:
             near = [own[stem] for stem in get_close_matches(stems[0].lower(), own, n=1, cutoff=0.75)]
         hint = f"; is it '{near[0]}'? then name it so, or map it under 'columns'" if near else ""
         message = f"there is no column for {what}: expected {expected} with a unit of {', '.join(kinds)}{hint}"
-        return InputError(message, file=self.path, line=self.head_line, found=", ".join(self.columns))
+        return self.error(message, found=", ".join(self.columns))
+
+
+_EMPTY = {False: "an empty cell", True: "an empty cell, or one whose formula has no value or an error"}
+_OTHER = {
+    "truth": "true or false where a number is needed",
+    "date": "a date or a time where a number is needed (did the spreadsheet take a number for one?)",
+}
+
+
+def _comma(sheet: bool) -> str:
+    if sheet:
+        return "text with a decimal comma, where a number is needed: make the cell a number"
+    return "a decimal comma: say \"decimal: ','\" where the experiment names the file"
+
+
+def _kind(cell: str) -> str:
+    """What a cell that is no number looks like."""
+    if cell.lower() in ("true", "false"):
+        return "truth"
+    return "date" if re.match(r"\d{4}-\d\d-\d\d|\d{1,2}:\d\d", cell) else ""
 
 
 def _numbers(piece: str, decimal: str) -> Array:
@@ -213,9 +287,9 @@ def joint_readings(table: Table, joints: Iterable[tuple[str, bool]], measured: C
             raise table.missing(what, names[::-1], kinds)
         if len(given) > 1:
             message = f"{what} has two columns, '{stems[given[0]][0]}' and '{stems[given[1]][0]}': keep one"
-            raise InputError(message, file=table.path, line=table.head_line)
+            raise table.error(message)
         out.append(table.quantity(given[0], kinds, what))
     return np.column_stack(out) if out else np.zeros((len(table), 0))
 
 
-__all__ = ["ANGLE", "LENGTH", "PIXEL", "Table", "joint_readings"]
+__all__ = ["ANGLE", "LENGTH", "PIXEL", "Origin", "Table", "joint_readings"]

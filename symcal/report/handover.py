@@ -136,8 +136,10 @@ def _sigma(value: float, places: int) -> str:
 def _gate(doubts: Sequence[str], content: Content) -> str:
     if "decision" in content and not doubts:
         return "The calibration is accepted: it may go to a controller."
-    if "decision" in content and "identification" in content:  # whose report has the reasons on page one
-        return "The calibration is refused (see page one): these numbers should not go to a controller."
+    if "decision" in content and "identification" in content:  # whose report begins with the reasons
+        return (
+            "The calibration is refused, for the reasons at the beginning: these numbers should not go to a controller."
+        )
     if not doubts:
         return "The identification converged and no correction is implausibly large: it may go to a controller."
     return f"These numbers should not go to a controller as they are: {'; '.join(doubts)}."

@@ -8,7 +8,7 @@ from typing import Any
 from symcal.report.extension import extension_sentence
 from symcal.report.learnt import learnt_and_assumed
 from symcal.report.measured import Judged, judged, observers
-from symcal.words import number, plural
+from symcal.words import GIVEN, number, plural
 
 Content = Mapping[str, Any]
 
@@ -48,7 +48,7 @@ def verdict(content: Content) -> list[str]:
         f"Errors are taken against the {content['against']}. Afterwards 95 % of {what.these} are below "
         f"{number(after['p95'])} {what.unit}; the largest is {number(after['max'])} {what.unit}{_where(after)}.",
     ]
-    if "offsets_only" in accuracy[part]:
+    if "offsets_only" in accuracy[part] and content["robot"]["name"] != GIVEN:
         offsets = _rms(content, part, "offsets_only")
         sentences.append(f"Correcting the joint offsets alone gives {number(offsets)} {what.unit} rms.")
     if "truth" in accuracy:
@@ -71,6 +71,8 @@ def verdict(content: Content) -> list[str]:
 
 def _main(content: Content, part: str) -> str:
     before, after = _rms(content, part, "before"), _rms(content, part, "after")
+    if content["robot"]["name"] == GIVEN:
+        return _frames_alone(content, part)
     angles = [content["accuracy"][part][state].get("orientation_deg") for state in ("before", "after")]
     what = judged(content)
     sentence = (
@@ -86,6 +88,17 @@ def _main(content: Content, part: str) -> str:
     if after > (1 - UNCHANGED) * before and "no_gain" not in refused:
         sentence += " The identified kinematics predicts these poses no better than the nominal one."
     return sentence
+
+
+def _frames_alone(content: Content, part: str) -> str:
+    """Of a robot whose poses are data: what its frames leave, and where they are."""
+    after, what = content["accuracy"][part]["after"], judged(content)
+    turned = after.get("orientation_deg")
+    text = f"The robot's poses are data, and frames alone were estimated. They leave {number(after[what.key]['rms'])} "
+    text += (
+        f"{what.unit}" + (f" and {number(turned['rms'])} deg" if turned else "") + f" rms on {_poses(content, part)}."
+    )
+    return text
 
 
 def _where(after: Mapping[str, Any]) -> str:

@@ -43,7 +43,9 @@ class ObservationRecord(Loose):
 class LayoutRecord(Strict):
     columns: dict[str, str | list[str]] = Field(default_factory=dict)
     delimiter: str | None = None
-    decimal: str = "."
+    decimal: str | None = "."
+    sheet: str | None = None
+    session: str | None = None
     where: dict[str, Any] = Field(default_factory=dict)
 
 
@@ -61,7 +63,7 @@ def _layouts(found: dict[str, Any]) -> dict[str, Any]:
         except ValueError:
             continue
         return found
-    raise PydanticCustomError("layout", "not the columns, delimiter, decimal and where of a file, by instrument")
+    raise PydanticCustomError("layout", "not what says how a file is laid out, by instrument")
 
 
 class Provenance(Loose):

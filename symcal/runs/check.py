@@ -23,6 +23,7 @@ from symcal.model.parameter_set import parameter_set
 from symcal.model.symbols import places_of
 from symcal.model.task import Task
 from symcal.parameters import coordinate_names
+from symcal.robot.given import is_given
 from symcal.robot.robot import Robot
 from symcal.spatial import transform
 from symcal.words import in_short, listed
@@ -252,8 +253,8 @@ def _anywhere(place: Place, rng: np.random.Generator) -> Array:
 
 def parallel_axes(robot: Robot) -> tuple[str, ...]:
     """Neighbouring axes that are (nearly) parallel without beta: their misalignment cannot be told ([Hayati1985])."""
-    notes = []
-    for i in range(1, robot.dof):
+    notes: list[str] = []
+    for i in range(1, robot.dof) if not is_given(robot) else ():
         link = robot.links[i - 1] if robot.convention == "standard" else robot.links[i]
         number = i if robot.convention == "standard" else i + 1
         if abs(np.sin(link.parameters.get("alpha", 0.0))) < np.sin(_PARALLEL) and "beta" not in link.parameters:

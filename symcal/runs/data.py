@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.config import conversion as config
-from symcal.config.conversion import ExperimentFile, FileData, ImagesData, RenderedData, SimulatedData
+from symcal.config.conversion import ExperimentFile, FileData, ImagesData, RenderedData, SimulatedData, TableData
 from symcal.data.dataset import Dataset, merged, with_random_test
-from symcal.data.measurement_file import load_measurements
+from symcal.data.measurement_file import measurements_in
 from symcal.documents.document import Document, Key
 from symcal.errors import InputError, RefusedError
 from symcal.model.model import Model
 from symcal.model.observation import Observation
+from symcal.readers.sheets import SUFFIXES
 from symcal.robot.robot import Robot
 from symcal.runs.load import Experiment
 
@@ -82,9 +84,12 @@ def measurements(
             message = "several instruments measure: give each its file under 'measurements', not --data"
             raise InputError(message, key="--data", found=data)
         (layout,) = given.values()
-        layout = layout if isinstance(layout, FileData) else FileData(source="file", file=str(data))
-        read = [_read(o, layout, data, model) for o in model.task.observations]
-        return MeasuredData(_drawn(merged(read, [o.session for o in model.task.observations]), layout, rng), (data,))
+        if layout is None or isinstance(layout, ImagesData) or data.suffix.lower() in _TABLES:
+            layout = layout if isinstance(layout, FileData) else FileData(source="file", file=str(data))
+        beside = config.joints_of(layout, document, ("data",))
+        read = [_read(o, layout, (data,), beside, model) for o in model.task.observations]
+        whole = _drawn(merged(read, [o.session for o in model.task.observations]), layout, rng)
+        return MeasuredData(whole, (*_within((data,)), *beside))
     sets: list[Dataset] = []
     paths: list[Path] = []
     images: list[EntryImages] = []
@@ -110,15 +115,16 @@ def measurements(
             paths.append(joints)
             continue
         where: Key = (*here, "file")
-        path = config.existing(document, own.file, where, "file of measurements")
-        chosen = (tuple(sorted(own.where.items())), tuple(sorted((k, str(v)) for k, v in own.columns.items())))
-        rows = (path, o.instrument.name, chosen, o.features, o.session)
+        files = config.files_of(own, document, here)
+        beside = config.joints_of(own, document, here)
+        chosen = json.dumps(own.model_dump(exclude={"file", "split", "delimiter", "decimal"}), sort_keys=True)
+        rows = (files, o.instrument.name, chosen, o.features, o.session)
         if rows in seen:
             message = f"'{o.name}' reads the same rows as '{seen[rows]}', and each would count twice: see 'where'"
-            raise document.error(message, where, found=own.file)
+            raise document.error(message, where, found=", ".join(path.name for path in files))
         seen[rows] = o.name
-        sets.append(_read(o, own, path, model))
-        paths.append(path)
+        sets.append(_read(o, own, files, beside, model))
+        paths += (*_within(files), *beside)
     sessions = [o.session for o in model.task.observations]
     layouts = {name: layout for name, layout in given.items() if layout is not None}
     shares = {layout.split.test_fraction for layout in layouts.values()}
@@ -148,7 +154,7 @@ def describe_data(experiment: Experiment) -> tuple[str, ...]:
             if isinstance(source, ImagesData):
                 config.existing(experiment.document, source.joints, ("data", "joints"), "file of joint readings")
             else:
-                config.existing(experiment.document, source.file, ("data", "file"), "file of measurements")
+                config.files_of(source, experiment.document, ("data",))
         except InputError as error:
             return (str(error),)
     if any(isinstance(source, ImagesData) for source in given):
@@ -178,26 +184,34 @@ def _measured(
         raise document.error(error.message, key, found=error.found, allowed=error.allowed) from None
 
 
-def _drawn(data: Dataset, layout: FileData | ImagesData, rng: np.random.Generator) -> Dataset:
+_TABLES = (".csv", ".txt", *SUFFIXES)
+"""Files given instead of the experiment's that are tables, whatever its own are."""
+
+
+def _within(files: Sequence[Path]) -> tuple[Path, ...]:
+    """Files, and those in folders (of bags)."""
+    found: list[Path] = []
+    for path in files:
+        found += sorted(each for each in path.iterdir() if each.is_file()) if path.is_dir() else [path]
+    return tuple(found)
+
+
+def _drawn(data: Dataset, layout: TableData | ImagesData, rng: np.random.Generator) -> Dataset:
     """With a random share held out where the file says so."""
     fraction = layout.split.test_fraction
     return data if fraction is None else with_random_test(data, fraction, rng)
 
 
-def _read(o: Observation, source: FileData, path: Path, model: Model) -> Dataset:
+def _read(o: Observation, source: TableData, files: Sequence[Path], beside: Sequence[Path], model: Model) -> Dataset:
     """What one observation has read; of a session of its own only the rows of that."""
     layout = config.layout_of(source)
-    where = dict(layout.where)
-    return load_measurements(
-        path,
+    return measurements_in(
+        config.table_of(source, files, beside, model.robot),
         model.robot,
         o.instrument,
+        layout,
         point_names=o.features,
-        columns=layout.columns,
         split=config.split_of(source.split),
-        delimiter=layout.delimiter,
-        decimal=layout.decimal,
-        where=where,
         session=o.session if o.name != o.of else None,
         alone=len(model.task.observations) == 1,
         name=o.name,

@@ -197,6 +197,8 @@ def _with_provenance(outcome: Outcome) -> Robot:
             "delimiter": own.delimiter,
             "decimal": own.decimal,
             "where": dict(own.where),
+            "sheet": own.sheet,
+            "session": own.session,
         }
         for name, own in config.sources(outcome.experiment.file).items()
         if isinstance(own, FileData)

@@ -36,7 +36,7 @@ def load(path: Path, *, seed: int | None = None, overrides: Sequence[str] = ()) 
         InputError: anything wrong in the files, with its line.
     """
     file, document = config.load_experiment(path, overrides)
-    robot_path = config.existing(document, file.robot, ("robot",), "robot file")
+    robot_path = config.robot_file_of(file, document)
     robot = load_robot(robot_path)
     model = build_model(robot, config.task_of(file, document, robot))
     options = config.options_of(file, model.measurement)

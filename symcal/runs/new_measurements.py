@@ -10,11 +10,11 @@ import numpy as np
 
 from symcal.data.dataset import Dataset, merged
 from symcal.data.layout import Layout
-from symcal.data.measurement_file import load_measurements
-from symcal.documents.csv_file import read_table
+from symcal.data.measurement_file import measurements_in
 from symcal.errors import InputError
 from symcal.model.observation import Observation
 from symcal.model.task import Task
+from symcal.readers.sheets import is_sheets
 from symcal.robot.robot import Robot
 
 
@@ -41,10 +41,14 @@ def new_measurements(
     assert robot.record is not None
     record = robot.record.provenance.get("layout", {})
     record = record.get(own[0].of, record)
-    header = read_table(data, delimiter=record.get("delimiter")).columns
+    sheets = is_sheets(data)
+    delimiter, decimal = (None, None) if sheets else (record.get("delimiter"), record.get("decimal", "."))
+    sheet, per_file = record.get("sheet") if sheets else None, record.get("session") == "file"
+    plain = Layout(delimiter=delimiter, decimal=decimal, sheet=sheet, session_per_file=per_file)
+    header = plain.table(data).columns
     named = {c: n for c, n in record.get("columns", {}).items() if set([n] if isinstance(n, str) else n) <= set(header)}
     where = {column: str(cell) for column, cell in record.get("where", {}).items() if column in header}
-    layout = Layout(named, where, record.get("delimiter"), record.get("decimal", "."))
+    layout = replace(plain, columns=named, where=where)
     if len(own) == 1:
         found = _read(robot, data, own[0], layout, None)
         return replace(found, split=("test",) * len(found)), ()
@@ -72,16 +76,7 @@ def stranger(like: Observation, session: str) -> Observation:
 
 
 def _read(robot: Robot, data: Path, o: Observation, layout: Layout, session: str | None) -> Dataset:
-    return load_measurements(
-        data,
-        robot,
-        o.instrument,
-        point_names=o.features,
-        columns=layout.columns,
-        delimiter=layout.delimiter,
-        decimal=layout.decimal,
-        where=layout.where,
-        session=session,
-        alone=False,
-        name=o.name,
+    table = layout.table(data)
+    return measurements_in(
+        table, robot, o.instrument, layout, point_names=o.features, session=session, alone=False, name=o.name
     )

@@ -22,6 +22,7 @@ from symcal.errors import RefusedError
 from symcal.fit.estimation import Options
 from symcal.model.model import Model, State, build_model
 from symcal.model.task import Task
+from symcal.outputs import side_by_side
 from symcal.spatial import pose_matrix
 
 POINTS = dict(zip("abc", TRIANGLE, strict=True))
@@ -106,6 +107,7 @@ def test_cross_validation_never_trains_on_what_it_is_judged_by(
         return real(m, baseline, labelled, options, **given)
 
     monkeypatch.setattr(module, "calibrate", watched)
+    monkeypatch.setattr(side_by_side, "may_fork", lambda: False)  # where it can be watched
     pooled = cross_validate(model, data, Options(), 4, np.random.default_rng(5))
     parts = folds(data, 4, np.random.default_rng(5))
     assert len(asked) == 4

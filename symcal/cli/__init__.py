@@ -11,6 +11,7 @@ from contextlib import contextmanager
 
 from symcal.cli.app import app
 from symcal.cli.bench import bench
+from symcal.cli.capture import capture
 from symcal.cli.compare import compare
 from symcal.cli.deliver import compensate, export, import_, schema
 from symcal.cli.doctor import doctor
@@ -33,6 +34,7 @@ for command in (
     study,
     plan,
     program,
+    capture,
     board,
     camera,
     measure,

@@ -1,0 +1,140 @@
+"""How a capture stands: what its events come to. A pure function of the journal, so that a resumed one goes on alike.
+
+    {"event": "begin", "schema": ..., "experiment": hash, "plan": hash}
+    {"event": "reading", "number": 7, "pose": "12", "asked": "pose" | "again" | "check", "beside": 3,
+     "q": [...], "z": [...], "from": [...]}                         rad and mm, as inside; null: not seen
+    {"event": "missed", "number": 8, "pose": "3", "why": "..."}
+    {"event": "judged", "number": 7, "as": "taken" | "held" | "struck", "why": "..."}           the last one counts
+    {"event": "wanted", "asked": "again" | "check", "pose": "12", "beside": 3}                  what is read next
+    {"event": "moved", "number": 9, "why": "..."}                   something has moved before this reading
+    {"event": "settled", "number": 9}                               and stands again where it was
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symcal.capture.journal import Event
+
+Array = NDArray[np.float64]
+Standing = Literal["new", "taken", "held", "struck"]
+"""Of a reading: not yet looked at; counts; does not fit and waits for what others say; does not count."""
+Asked = Literal["pose", "again", "check"]
+"""Why something was read: a pose of the plan, the same pose once more, or a known one to see whether all still stands."""
+
+MISSES = 2
+"""Times that a pose may be missed before it is left out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What is to be read next. beside: number of the reading that it is compared with; 0 where there is none."""
+
+    pose: str
+    asked: Asked = "pose"
+    beside: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """One answer of the instrument.
+
+    number: of the request, from 1. q: joint readings, shape (dof,), rad and mm. z: what was read, shape (w,), NaN where
+    nothing was. directions: from where each joint came, shape (dof,), 0 where not known.
+    """
+
+    number: int
+    of: Wanted
+    q: Array
+    z: Array
+    directions: Array
+    standing: Standing = "new"
+    why: str = ""
+
+    @property
+    def pose(self) -> str:
+        """Its name in the plan."""
+        return self.of.pose
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """Where a capture stands.
+
+    readings: in their order. misses: poses that could not be read, as often as that was. last: number of the last
+    request. wanted: what must be read before anything else. moved: before which reading something moved, and why that
+    is known; None where all stands. words: why it does.
+    """
+
+    readings: tuple[Reading, ...] = ()
+    misses: tuple[str, ...] = ()
+    last: int = 0
+    wanted: Wanted | None = None
+    moved: int | None = None
+    words: str = ""
+
+    def standing(self, *of: Standing) -> tuple[Reading, ...]:
+        """The readings of which that is so."""
+        return tuple(reading for reading in self.readings if reading.standing in of)
+
+    @property
+    def taken(self) -> tuple[Reading, ...]:
+        """Those that count."""
+        return self.standing("taken")
+
+    @property
+    def done(self) -> frozenset[str]:
+        """Poses that need not be asked for again."""
+        given_up = {pose for pose in self.misses if self.misses.count(pose) >= MISSES}
+        return frozenset({reading.pose for reading in self.standing("new", "taken", "held")} | given_up)
+
+    def numbered(self, number: int) -> Reading | None:
+        """The reading of a number."""
+        return next((reading for reading in self.readings if reading.number == number), None)
+
+    def after(self, event: Event) -> Course:
+        """The course with one more event."""
+        kind = event["event"]
+        if kind == "reading":
+            z = np.array([np.nan if value is None else value for value in event["z"]], dtype=np.float64)
+            q, came = (np.array(event[key], dtype=np.float64) for key in ("q", "from"))
+            of = Wanted(str(event["pose"]), event["asked"], int(event["beside"]))
+            new = Reading(int(event["number"]), of, q, z, came)
+            return replace(self, readings=(*self.readings, new), last=new.number, wanted=None)
+        if kind == "missed":
+            return replace(
+                self, misses=(*self.misses, str(event["pose"])), last=int(event["number"]), wanted=self._missed(event)
+            )
+        if kind == "judged":
+            judged = (
+                replace(reading, standing=event["as"], why=event["why"])
+                if reading.number == event["number"]
+                else reading
+                for reading in self.readings
+            )
+            return replace(self, readings=tuple(judged))
+        if kind == "wanted":
+            return replace(self, wanted=Wanted(str(event["pose"]), event["asked"], int(event["beside"])))
+        if kind == "moved":
+            return replace(self, moved=int(event["number"]), words=str(event["why"]))
+        if kind == "settled":
+            return replace(self, moved=None, words="")
+        return self
+
+    def _missed(self, event: Event) -> Wanted | None:
+        """What is still wanted when that could not be read: a pose that is missed again and again is left."""
+        often = self.misses.count(str(event["pose"])) + 1
+        return self.wanted if often < MISSES else None
+
+
+def course_of(events: Sequence[Event]) -> Course:
+    """What events come to."""
+    course = Course()
+    for event in events:
+        course = course.after(event)
+    return course

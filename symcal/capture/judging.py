@@ -1,0 +1,186 @@
+"""What follows from a reading: it counts, or it is read again, or a known pose is, or something has moved.
+
+    odd                 the same pose is read again
+    ... and now good    the first one was a slip
+    ... and the same    a known pose is read again: has something moved, or is it this pose alone?
+    ... off as well     something has moved
+    ... as it was       the readings are judged anew, all together: those that the others do not explain are left out; if
+                        they are many, it is the model that lacks something, and all count
+
+Everything is an event for the journal; nothing here has a memory of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from symcal.capture.aim import Aim
+from symcal.capture.checks import ODD, Found, agree, apart, check, odd_among
+from symcal.capture.course import Course, Reading
+from symcal.capture.estimate import Estimate, dataset, estimate
+from symcal.capture.journal import Event
+from symcal.capture.moved import jump
+from symcal.words import number
+
+TRIES = 3
+"""Readings of one pose that may all be odd and different before it is left out."""
+_MANY = 0.2  # share of the readings from which on odd ones are no slips
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """What follows from one reading: events for the journal, what was found of it, the course and the estimate then."""
+
+    events: tuple[Event, ...]
+    found: Found
+    course: Course
+    known: Estimate | None
+
+
+def judge(aim: Aim, course: Course, known: Estimate | None, reading: Reading) -> Judged:
+    """What follows from a reading that just came in.
+
+    Args:
+        known: the estimate of the readings that count.
+    """
+    others = [each for each in course.readings if each.number < reading.number]
+    found = check(aim, known, reading, others)
+    events = tuple(_events(aim, course, known, reading, found))
+    now = course
+    for event in events:
+        now = now.after(event)
+    if now.taken != course.taken:
+        known = estimate(aim, dataset(aim, now.taken), known)
+        if now.wanted is None and now.moved is None:
+            more = tuple(_afterwards(aim, now, known))
+            for event in more:
+                now = now.after(event)
+            if any(event["event"] == "judged" for event in more):
+                known = estimate(aim, dataset(aim, now.taken), None)
+            events += more
+    return Judged(events, found, now, known)
+
+
+def _events(aim: Aim, course: Course, known: Estimate | None, reading: Reading, found: Found) -> Iterator[Event]:
+    beside = course.numbered(reading.of.beside)
+    if reading.of.asked == "check" and beside is not None:
+        yield from _checked(aim, course, known, reading, beside)
+    elif not found.odd:
+        if reading.of.asked == "again":
+            for each in _tries(course, reading):
+                yield judged(each, "struck", f"a slip: read again it was another ({each.why})")
+        yield judged(reading, "taken")
+    elif known is None or beside is None or reading.of.asked != "again":
+        yield judged(reading, "held", found.odd)
+        yield wanted(reading.pose, "again", reading.number)
+    elif any(agree(aim, known, each, reading) for each in _tries(course, reading)):
+        yield judged(reading, "held", found.odd)
+        yield from _to_check(course, reading)
+    elif len(_tries(course, reading)) + 1 >= TRIES:
+        for each in (*_tries(course, reading), reading):
+            yield judged(each, "held", "read several times, each time something else: is the mark seen, is all tight?")
+    else:
+        yield judged(reading, "held", found.odd)
+        yield wanted(reading.pose, "again", reading.number)
+
+
+def _tries(course: Course, reading: Reading) -> tuple[Reading, ...]:
+    """Earlier readings of the same pose that wait."""
+    return tuple(each for each in course.standing("held") if each.pose == reading.pose and each.number < reading.number)
+
+
+def _to_check(course: Course, reading: Reading) -> Iterator[Event]:
+    """The last pose that was good is read again; without one nothing can be compared."""
+    before = [each for each in course.taken if each.number < reading.number]
+    if before:
+        yield wanted(before[-1].pose, "check", before[-1].number)
+
+
+def _checked(aim: Aim, course: Course, known: Estimate | None, reading: Reading, beside: Reading) -> Iterator[Event]:
+    """A known pose was read again: does it read as before?"""
+    p, size, unit = apart(aim, known, reading, beside)
+    if p < ODD:
+        since = [each for each in course.standing("taken", "held") if beside.number < each.number < reading.number]
+        first = min((each.number for each in since), default=reading.number)
+        yield judged(reading, "held", f"{number(size)} {unit} from what was read there before")
+        for each in since:
+            if each.standing == "taken":
+                yield judged(each, "held", "since something has moved")
+        yield moved(aim, course, first, beside, size, unit)
+        return
+    yield judged(reading, "taken")
+    if course.moved is not None:
+        yield {"event": "settled", "number": reading.number}
+        for each in course.standing("held"):
+            yield judged(each, "struck", "read while something stood elsewhere")
+        return
+    yield from _all_together(aim, course, reading, known)
+
+
+def _all_together(aim: Aim, course: Course, reading: Reading, last: Estimate | None) -> Iterator[Event]:
+    """Nothing has moved: which of the readings do the others not explain?"""
+    held = course.standing("held")
+    if not held:
+        return
+    every = sorted((*course.taken, *held, reading), key=lambda each: each.number)
+    _, odd = odd_among(aim, every, last)
+    numbers = {each.number for each in odd}
+    many = len({each.pose for each in odd}) > max(_MANY * len({each.pose for each in every}), 1)
+    for each in held:
+        if many or each.number not in numbers:
+            yield judged(each, "taken", "")
+    if not many:
+        for each in odd:
+            if each.standing == "taken":
+                yield judged(each, "held", "the others put it elsewhere")
+
+
+def _afterwards(aim: Aim, course: Course, known: Estimate | None) -> Iterator[Event]:
+    """What the new estimate says of readings that were taken before."""
+    if known is None:
+        return
+    first = max((i for i, each in enumerate(course.taken) if each.of.asked == "check"), default=0)
+    found = jump(aim, known, first)
+    if found is not None:
+        last = course.taken[found.at - 1]
+        yield wanted(last.pose, "check", last.number)
+        return
+    _, odd = odd_among(aim, course.taken, known)
+    if odd and len(odd) <= max(_MANY * len(course.taken), 1):
+        for each in odd:
+            yield judged(each, "held", "the others put it elsewhere")
+        worst = odd[0]
+        yield wanted(worst.pose, "again", worst.number)
+
+
+def judged(reading: Reading, as_: str, why: str = "") -> Event:
+    """How a reading stands from now on."""
+    return {"event": "judged", "number": reading.number, "as": as_, "why": why}
+
+
+def wanted(pose: str, asked: str, beside: int) -> Event:
+    """What is read next."""
+    return {"event": "wanted", "pose": pose, "asked": asked, "beside": beside}
+
+
+def moved(aim: Aim, course: Course, first: int, beside: Reading, size: float, unit: str) -> Event:
+    """Something stands elsewhere since a reading."""
+    at = course.numbered(first)
+    since = "now" if at is None else f"from pose {at.pose} on (reading {first})"
+    still, carried = _ends(aim)
+    why = (
+        f"something has moved, {since}: pose {beside.pose} reads {number(size)} {unit} from where it was. Is {carried} "
+        f"tight, and did nobody touch {still}? Put back what can be put back exactly, and call the same command again: "
+        f"pose {beside.pose} is read first, and if it is as before all goes on. Otherwise '--afresh' begins anew and "
+        "keeps the readings so far aside"
+    )
+    return {"event": "moved", "number": first, "why": why}
+
+
+def _ends(aim: Aim) -> tuple[str, str]:
+    """What stands still and what the robot carries, in words."""
+    o = aim.observation
+    target = f"the target '{o.target.name}'" if o.target.name != o.name else "the target"
+    own = f"the instrument '{o.name}'"
+    return (target, own) if o.at.moves else (f"{own} or the robot's base", target)

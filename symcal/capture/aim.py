@@ -23,10 +23,10 @@ from symcal.joints.backlash import direction_name
 from symcal.model.model import Model
 from symcal.model.observation import Observation
 from symcal.planning.area import draw
+from symcal.planning.drive_plan import plan_generator
 from symcal.planning.nominal_noise import nominal_noise
 from symcal.planning.plan_file import read_plan
 from symcal.planning.plan_problem import PlanProblem, plan_problem
-from symcal.planning.drive_plan import plan_generator
 from symcal.robot.robot import Robot
 from symcal.runs.load import Experiment, load
 
@@ -45,9 +45,10 @@ class Aim:
     """What does not change during a capture; made by `aim_of`.
 
     model: with every joint term that the identification may keep. options: of its fits. nominal: the noise that the
-    plan was made with, by group. region: poses that stand for the region, shape (K, dof). names, poses: of the plan, then further ones of the region, (P,) and (P, dof); planned: how many are
-    the plan's. rows: what each of them tells at nominal, whitened by `nominal`, shape (P, m, p). tolerance: rms error
-    over the region, mm; None where nothing is said. directed: joints come from alternating sides.
+    plan was made with, by group. region: poses that stand for the region, shape (K, dof). names, poses: of the plan,
+    then further ones of the region, (P,) and (P, dof); planned: how many are the plan's. rows: what each of them tells
+    at nominal, whitened by `nominal`, shape (P, m, p). tolerance: rms error over the region, mm; None where nothing is
+    said. directed: joints come from alternating sides.
     """
 
     experiment: Experiment
@@ -115,8 +116,8 @@ def aim_of(plan: Path, tolerance: float | None = None) -> Aim:
     experiment = load(file)
     observations = experiment.model.task.observations
     if len(observations) > 1:
-        names = ", ".join(o.name for o in observations)
-        raise InputError("capture leads one instrument at a time; here measure", file=file, found=names)
+        several = ", ".join(o.name for o in observations)
+        raise InputError("capture leads one instrument at a time; here measure", file=file, found=several)
     if observations[0].instrument.constrains:
         raise InputError("a constraint reads nothing: write its joint readings down yourself", file=file)
     groups, directed = experiment.file.identification.groups, _asks_for_directions(experiment)

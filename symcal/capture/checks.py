@@ -1,8 +1,8 @@
 """Is this reading one that the robot can have given? Each is looked at when it comes in, by what the others foretell.
 
-A reading is odd when its squared distance from what was foreseen, in standard deviations of both, is one that a good
-reading has once in `ODD` cases. What may be the reason is tried out: another unit, marks that are exchanged, the posture
-of another pose. Before everything can be placed only what no robot could give is told.
+A reading is odd when its squared distance from what was foreseen, in standard deviations of both, is one that good
+readings have with a probability below `ODD`. What may be the reason is tried out: another unit, marks that are
+exchanged, the posture of another pose. Before everything can be placed only what no robot could give is told.
 """
 
 from __future__ import annotations
@@ -27,6 +27,9 @@ Array = NDArray[np.float64]
 
 ODD = 1e-4
 """Probability by chance from which on a reading is odd."""
+SHARP = 4.0
+"""Noises, in the direction in which it is foreseen worst, up to which a reading tells whether something has moved: a
+shift by 25 of them is odd in 95 of 100 cases."""
 _LIKELY = 0.01  # the same of a reading as it would be without a mistake that explains it
 _STALE = 3  # numbers of a reading, at least, that are never the same twice by chance
 _TWICE = 2.2  # times the arm's length: no two points of a tool are further apart
@@ -36,14 +39,16 @@ _TWICE = 2.2  # times the arm's length: no two points of a tool are further apar
 class Found:
     """What a check says of a reading.
 
-    off: distance from where it was foreseen, in `unit`; None while nothing can be foreseen. off_mm: the same at the
-    point, where the reading fixes one. odd: why it should not count as it is; empty where it may.
+    off: distance from where it was foreseen, in `unit`, and expected: how large that usually is; None while nothing can
+    be foreseen. odd: why it should not count as it is; empty where it may. sharp: it was
+    foreseen so well that it would have told if something had moved.
     """
 
     off: float | None = None
     unit: str = "mm"
     expected: float | None = None
     odd: str = ""
+    sharp: bool = False
 
 
 def check(aim: Aim, known: Estimate | None, reading: Reading, others: Sequence[Reading]) -> Found:
@@ -60,8 +65,8 @@ def check(aim: Aim, known: Estimate | None, reading: Reading, others: Sequence[R
     data = dataset(aim, [reading])
     found = foreseen(aim, known, data)
     off, expected, unit = _shown(aim, found.r, np.diag(found.covariance))
-    if chance(known, found.square, len(found.r)) >= ODD:
-        return Found(off, unit, expected)
+    if chance(found.square, len(found.r)) >= ODD:
+        return Found(off, unit, expected, sharp=found.largest <= SHARP)
     reason = _reason(aim, known, reading)
     said = f"{number(off)} {unit} from where the others put it, where {number(expected)} {unit} would be usual"
     return Found(off, unit, expected, f"{said}{f': it looks as if {reason}' if reason else ''}")
@@ -87,12 +92,16 @@ def _sigma_of_numbers(aim: Aim, noise: dict[str, float]) -> Array:
     quaternion half of a turn's."""
     group = {g.quantity: noise[g.name] for g in aim.model.measurement.groups}
     first, *more = aim.instrument.quantities
-    sizes = [group[first.noise] if unit is not None else group[more[0].noise] / 2 if more else group[first.noise]
-             for _, unit in aim.instrument.columns]
+    sizes = [
+        group[first.noise] if unit is not None else group[more[0].noise] / 2 if more else group[first.noise]
+        for _, unit in aim.instrument.columns
+    ]
     return np.tile(sizes, max(len(aim.observation.features), 1))
 
 
-def odd_among(aim: Aim, readings: Sequence[Reading], last: Estimate | None) -> tuple[Estimate | None, tuple[Reading, ...]]:
+def odd_among(
+    aim: Aim, readings: Sequence[Reading], last: Estimate | None
+) -> tuple[Estimate | None, tuple[Reading, ...]]:
     """The estimate of some readings, and those among them that the others do not explain.
 
     Args:
@@ -136,7 +145,7 @@ def _reason(aim: Aim, known: Estimate, reading: Reading) -> str:
     """What would make a reading a good one: the first of the mistakes that does; empty where none does."""
     for text, q, z in _mistakes(aim, reading):
         other = foreseen(aim, known, dataset(aim, [replace(reading, q=q, z=z)]))
-        if chance(known, other.square, len(other.r)) >= _LIKELY:
+        if chance(other.square, len(other.r)) >= _LIKELY:
             return text
     return ""
 

@@ -1,13 +1,14 @@
 """How a capture stands: what its events come to. A pure function of the journal, so that a resumed one goes on alike.
 
-    {"event": "begin", "schema": ..., "experiment": hash, "plan": hash}
-    {"event": "reading", "number": 7, "pose": "12", "asked": "pose" | "again" | "check", "beside": 3,
-     "q": [...], "z": [...], "from": [...]}                         rad and mm, as inside; null: not seen
-    {"event": "missed", "number": 8, "pose": "3", "why": "..."}
-    {"event": "judged", "number": 7, "as": "taken" | "held" | "struck", "why": "..."}           the last one counts
-    {"event": "wanted", "asked": "again" | "check", "pose": "12", "beside": 3}                  what is read next
-    {"event": "moved", "number": 9, "why": "..."}                   something has moved before this reading
-    {"event": "settled", "number": 9}                               and stands again where it was
+{"event": "begin", "schema": ..., "experiment": hash, "plan": hash}
+{"event": "reading", "number": 7, "pose": "12", "asked": "pose" | "again" | "check", "beside": 3, "since": 5,
+ "q": [...], "z": [...], "from": [...]}                         rad and mm, as inside; null: not seen
+{"event": "missed", "number": 8, "pose": "3", "why": "..."}
+{"event": "judged", "number": 7, "as": "taken" | "held" | "struck", "why": "...", "proof": true}    the last counts
+{"event": "wanted", "asked": "again" | "check", "pose": "12", "beside": 3, "since": 5}      what is read next
+{"event": "moved", "number": 9, "why": "..."}                   something has moved before this reading
+{"event": "mistaken", "why": "..."}                             all readings are wrong in the same way
+{"event": "settled"}                                            neither is so any more
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ Array = NDArray[np.float64]
 Standing = Literal["new", "taken", "held", "struck"]
 """Of a reading: not yet looked at; counts; does not fit and waits for what others say; does not count."""
 Asked = Literal["pose", "again", "check"]
-"""Why something was read: a pose of the plan, the same pose once more, or a known one to see whether all still stands."""
+"""Why something was read: a pose of the plan, the same once more, or a known one, to see whether all still stands."""
 
 MISSES = 2
 """Times that a pose may be missed before it is left out."""
@@ -33,11 +34,13 @@ MISSES = 2
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """What is to be read next. beside: number of the reading that it is compared with; 0 where there is none."""
+    """What is to be read next. beside: number of the reading that it is compared with, and since: of the first one that
+    is not proved by that; 0 where there are none."""
 
     pose: str
     asked: Asked = "pose"
     beside: int = 0
+    since: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +48,8 @@ class Reading:
     """One answer of the instrument.
 
     number: of the request, from 1. q: joint readings, shape (dof,), rad and mm. z: what was read, shape (w,), NaN where
-    nothing was. directions: from where each joint came, shape (dof,), 0 where not known.
+    nothing was. directions: from where each joint came, shape (dof,), 0 where not known. proof: that nothing had moved
+    by then: so sharply was it foreseen.
     """
 
     number: int
@@ -55,6 +59,7 @@ class Reading:
     directions: Array
     standing: Standing = "new"
     why: str = ""
+    proof: bool = False
 
     @property
     def pose(self) -> str:
@@ -67,8 +72,8 @@ class Course:
     """Where a capture stands.
 
     readings: in their order. misses: poses that could not be read, as often as that was. last: number of the last
-    request. wanted: what must be read before anything else. moved: before which reading something moved, and why that
-    is known; None where all stands. words: why it does.
+    request. wanted: what must be read before anything else. moved: before which reading something moved; None where all
+    stands. mistaken: whether all readings are wrong. words: of either.
     """
 
     readings: tuple[Reading, ...] = ()
@@ -76,6 +81,7 @@ class Course:
     last: int = 0
     wanted: Wanted | None = None
     moved: int | None = None
+    mistaken: bool = False
     words: str = ""
 
     def standing(self, *of: Standing) -> tuple[Reading, ...]:
@@ -86,6 +92,19 @@ class Course:
     def taken(self) -> tuple[Reading, ...]:
         """Those that count."""
         return self.standing("taken")
+
+    @property
+    def anchor(self) -> Reading | None:
+        """The last reading up to which nothing had moved, as far as is proved; the first one where nothing is yet."""
+        taken = self.taken
+        proved = [reading for reading in taken if reading.proof]
+        return proved[-1] if proved else taken[0] if taken else None
+
+    @property
+    def unproved(self) -> int:
+        """How many readings have come since."""
+        anchor = self.anchor
+        return 0 if anchor is None else sum(reading.number > anchor.number for reading in self.taken)
 
     @property
     def done(self) -> frozenset[str]:
@@ -103,7 +122,7 @@ class Course:
         if kind == "reading":
             z = np.array([np.nan if value is None else value for value in event["z"]], dtype=np.float64)
             q, came = (np.array(event[key], dtype=np.float64) for key in ("q", "from"))
-            of = Wanted(str(event["pose"]), event["asked"], int(event["beside"]))
+            of = Wanted(str(event["pose"]), event["asked"], int(event["beside"]), int(event["since"]))
             new = Reading(int(event["number"]), of, q, z, came)
             return replace(self, readings=(*self.readings, new), last=new.number, wanted=None)
         if kind == "missed":
@@ -112,18 +131,21 @@ class Course:
             )
         if kind == "judged":
             judged = (
-                replace(reading, standing=event["as"], why=event["why"])
+                replace(reading, standing=event["as"], why=event["why"], proof=event["proof"])
                 if reading.number == event["number"]
                 else reading
                 for reading in self.readings
             )
             return replace(self, readings=tuple(judged))
         if kind == "wanted":
-            return replace(self, wanted=Wanted(str(event["pose"]), event["asked"], int(event["beside"])))
+            of = Wanted(str(event["pose"]), event["asked"], int(event["beside"]), int(event["since"]))
+            return replace(self, wanted=of)
         if kind == "moved":
             return replace(self, moved=int(event["number"]), words=str(event["why"]))
+        if kind == "mistaken":
+            return replace(self, mistaken=True, words=str(event["why"]))
         if kind == "settled":
-            return replace(self, moved=None, words="")
+            return replace(self, moved=None, mistaken=False, words="")
         return self
 
     def _missed(self, event: Event) -> Wanted | None:

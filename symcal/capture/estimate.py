@@ -163,11 +163,17 @@ def _covariance(aim: Aim, found: Fit, rows: Rows, noise: Mapping[str, float], at
 
 @dataclass(frozen=True, slots=True)
 class Foreseen:
-    """A reading against what was foreseen of it: residual r, shape (m,), and its covariance, shape (m, m); those that
-    were read alone."""
+    """A reading against what was foreseen of it: residual r, shape (m,), its covariance, shape (m, m), and the noise in
+    it, shape (m,); components that were read alone."""
 
     r: Array
     covariance: Array
+    sigma: Array
+
+    @property
+    def largest(self) -> float:
+        """Standard deviation in the direction in which it is foreseen worst, in noises."""
+        return float(np.sqrt(np.linalg.eigvalsh(self.covariance / np.outer(self.sigma, self.sigma))[-1]))
 
     @property
     def square(self) -> float:
@@ -187,9 +193,13 @@ def foreseen(aim: Aim, known: Estimate, data: Dataset) -> Foreseen:
     read = rows.seen[0]
     index = aim.model.parameters.indices(known.fit.free)
     slopes = jacobian[0][np.ix_(read, index)] * aim.scales
-    return Foreseen(r[0][read], slopes @ known.covariance @ slopes.T + np.diag(sigma[read] ** 2))
+    return Foreseen(r[0][read], slopes @ known.covariance @ slopes.T + np.diag(sigma[read] ** 2), sigma[read])
 
 
-def chance(known: Estimate, square: float, count: int) -> float:
-    """Probability that a good reading is so far off. Args: count: of its components."""
+def chance(square: float, count: int) -> float:
+    """Probability that a good reading is so far off.
+
+    Args:
+        square: distance in standard deviations, squared. count: components of the reading.
+    """
     return float(scipy.special.chdtrc(count, square))

@@ -1,4 +1,4 @@
-"""Ways to an instrument: the keyboard, lines on standard input, TCP or a serial port, and one that is only simulated."""
+"""Ways to an instrument: the keyboard; lines on standard input, TCP or a serial port; one that is only simulated."""
 
 from __future__ import annotations
 
@@ -230,8 +230,9 @@ class _Serial:
     def open(self) -> tuple[IO[str], IO[str]]:
         import io
 
-        there = io.TextIOWrapper(io.BufferedRWPair(self._port, self._port), encoding="utf-8", newline="\n")
-        return there, there
+        reads = io.TextIOWrapper(io.BufferedReader(self._port), encoding="utf-8", newline="\n")
+        writes = io.TextIOWrapper(io.BufferedWriter(self._port), encoding="utf-8", newline="\n")
+        return reads, writes
 
     def close(self) -> None:
         self._port.close()

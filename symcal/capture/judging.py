@@ -4,8 +4,8 @@
     ... and now good    the first one was a slip
     ... and the same    a known pose is read again: has something moved, or is it this pose alone?
     ... off as well     something has moved
-    ... as it was       the readings are judged anew, all together: those that the others do not explain are left out; if
-                        they are many, it is the model that lacks something, and all count
+    ... as it was       the readings are judged anew, all together: those that the others do not explain are left out;
+                        if they are many, it is the model that lacks something, and all count
 
 Everything is an event for the journal; nothing here has a memory of its own.
 """
@@ -13,18 +13,25 @@ Everything is an event for the journal; nothing here has a memory of its own.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import numpy as np
+
+from symcal.calibration.mistakes.search import find_mistakes
 from symcal.capture.aim import Aim
 from symcal.capture.checks import ODD, Found, agree, apart, check, odd_among
-from symcal.capture.course import Course, Reading
+from symcal.capture.course import Asked, Course, Reading
 from symcal.capture.estimate import Estimate, dataset, estimate
 from symcal.capture.journal import Event
 from symcal.capture.moved import jump
+from symcal.capture.promise import ground
 from symcal.words import number
 
 TRIES = 3
 """Readings of one pose that may all be odd and different before it is left out."""
+UNPROVED = 2
+"""Readings in a row that would not tell whether something has moved, after which a known pose is read again."""
+_FIRST = 12  # readings among which a mistake of all of them is looked for
 _MANY = 0.2  # share of the readings from which on odd ones are no slips
 
 
@@ -46,7 +53,11 @@ def judge(aim: Aim, course: Course, known: Estimate | None, reading: Reading) ->
     """
     others = [each for each in course.readings if each.number < reading.number]
     found = check(aim, known, reading, others)
-    events = tuple(_events(aim, course, known, reading, found))
+    mistaken = _mistaken(aim, course)
+    if mistaken:
+        told: tuple[Event, ...] = (judged(reading, "held", "as others"), {"event": "mistaken", "why": mistaken})
+        return Judged(told, found, course.after(told[0]).after(told[1]), known)
+    events: tuple[Event, ...] = tuple(_events(aim, course, known, reading, found))
     now = course
     for event in events:
         now = now.after(event)
@@ -62,6 +73,16 @@ def judge(aim: Aim, course: Course, known: Estimate | None, reading: Reading) ->
     return Judged(events, found, now, known)
 
 
+def _mistaken(aim: Aim, course: Course) -> str:
+    """What is wrong with all readings alike, such as their unit, or with the joint readings; empty where nothing is."""
+    every = course.standing("new", "taken", "held")
+    if not len(every) <= _FIRST:
+        return ""
+    data = dataset(aim, every)
+    found = find_mistakes(aim.model, replace(data, split=("train",) * len(data)))
+    return "; ".join(each.text for each in found)
+
+
 def _events(aim: Aim, course: Course, known: Estimate | None, reading: Reading, found: Found) -> Iterator[Event]:
     beside = course.numbered(reading.of.beside)
     if reading.of.asked == "check" and beside is not None:
@@ -70,19 +91,19 @@ def _events(aim: Aim, course: Course, known: Estimate | None, reading: Reading, 
         if reading.of.asked == "again":
             for each in _tries(course, reading):
                 yield judged(each, "struck", f"a slip: read again it was another ({each.why})")
-        yield judged(reading, "taken")
+        yield judged(reading, "taken", proof=found.sharp)
     elif known is None or beside is None or reading.of.asked != "again":
         yield judged(reading, "held", found.odd)
-        yield wanted(reading.pose, "again", reading.number)
+        yield wanted("again", reading)
     elif any(agree(aim, known, each, reading) for each in _tries(course, reading)):
         yield judged(reading, "held", found.odd)
-        yield from _to_check(course, reading)
+        yield from _to_check(aim, course, known)
     elif len(_tries(course, reading)) + 1 >= TRIES:
         for each in (*_tries(course, reading), reading):
             yield judged(each, "held", "read several times, each time something else: is the mark seen, is all tight?")
     else:
         yield judged(reading, "held", found.odd)
-        yield wanted(reading.pose, "again", reading.number)
+        yield wanted("again", reading)
 
 
 def _tries(course: Course, reading: Reading) -> tuple[Reading, ...]:
@@ -90,37 +111,55 @@ def _tries(course: Course, reading: Reading) -> tuple[Reading, ...]:
     return tuple(each for each in course.standing("held") if each.pose == reading.pose and each.number < reading.number)
 
 
-def _to_check(course: Course, reading: Reading) -> Iterator[Event]:
-    """The last pose that was good is read again; without one nothing can be compared."""
-    before = [each for each in course.taken if each.number < reading.number]
-    if before:
-        yield wanted(before[-1].pose, "check", before[-1].number)
+def _to_check(aim: Aim, course: Course, known: Estimate | None, before: int | None = None) -> Iterator[Event]:
+    """A pose from when nothing had moved is read again, that which tells most besides; without one nothing can be
+    compared.
+
+    Args:
+        before: the first reading after which something may have moved; the first one that proves nothing when None.
+    """
+    anchor = course.anchor
+    if anchor is None:
+        return
+    last = anchor.number if before is None else before - 1
+    sure = [each for each in course.taken if each.number <= last] or [anchor]
+    best = sure[-1]
+    if known is not None:
+        best = sure[int(np.argmax(ground(aim, known).gains([aim.number(each.pose) for each in sure])))]
+    yield wanted("check", best, last + 1)
 
 
 def _checked(aim: Aim, course: Course, known: Estimate | None, reading: Reading, beside: Reading) -> Iterator[Event]:
     """A known pose was read again: does it read as before?"""
     p, size, unit = apart(aim, known, reading, beside)
-    if p < ODD:
-        since = [each for each in course.standing("taken", "held") if beside.number < each.number < reading.number]
-        first = min((each.number for each in since), default=reading.number)
-        yield judged(reading, "held", f"{number(size)} {unit} from what was read there before")
+    tries = [each for each in _tries(course, reading) if each.of == reading.of]
+    if p >= ODD:
+        yield judged(reading, "taken", proof=True)
+        for each in tries:
+            yield judged(each, "struck", f"a slip: read again it was another ({each.why})")
+        if course.moved is not None:
+            yield {"event": "settled"}
+            for each in course.standing("held"):
+                yield judged(each, "struck", "read while something stood elsewhere")
+        else:
+            yield from _all_together(aim, course, reading, known)
+        return
+    yield judged(reading, "held", f"{number(size)} {unit} from what was read there before")
+    if course.moved is not None:
+        yield moved(aim, course, course.moved, beside, size, unit)
+    elif any(agree(aim, known, each, reading) for each in tries) or len(tries) + 1 >= TRIES:
+        since = [each for each in course.standing("taken", "held") if reading.of.since <= each.number < reading.number]
         for each in since:
             if each.standing == "taken":
-                yield judged(each, "held", "since something has moved")
-        yield moved(aim, course, first, beside, size, unit)
-        return
-    yield judged(reading, "taken")
-    if course.moved is not None:
-        yield {"event": "settled", "number": reading.number}
-        for each in course.standing("held"):
-            yield judged(each, "struck", "read while something stood elsewhere")
-        return
-    yield from _all_together(aim, course, reading, known)
+                yield judged(each, "held", "something has moved, before it or after")
+        yield moved(aim, course, min((each.number for each in since), default=reading.number), beside, size, unit)
+    else:
+        yield wanted("check", beside, reading.of.since)
 
 
 def _all_together(aim: Aim, course: Course, reading: Reading, last: Estimate | None) -> Iterator[Event]:
     """Nothing has moved: which of the readings do the others not explain?"""
-    held = course.standing("held")
+    held = tuple(each for each in course.standing("held") if each.of.asked != "check")
     if not held:
         return
     every = sorted((*course.taken, *held, reading), key=lambda each: each.number)
@@ -137,31 +176,31 @@ def _all_together(aim: Aim, course: Course, reading: Reading, last: Estimate | N
 
 
 def _afterwards(aim: Aim, course: Course, known: Estimate | None) -> Iterator[Event]:
-    """What the new estimate says of readings that were taken before."""
+    """What the new estimate says of readings that were taken before, and whether it is time to look if all stands."""
     if known is None:
+        if course.unproved >= UNPROVED:
+            yield from _to_check(aim, course, known)
         return
     first = max((i for i, each in enumerate(course.taken) if each.of.asked == "check"), default=0)
     found = jump(aim, known, first)
-    if found is not None:
-        last = course.taken[found.at - 1]
-        yield wanted(last.pose, "check", last.number)
+    if found is not None or course.unproved >= UNPROVED:
+        yield from _to_check(aim, course, known, None if found is None else course.taken[found.at].number)
         return
     _, odd = odd_among(aim, course.taken, known)
     if odd and len(odd) <= max(_MANY * len(course.taken), 1):
         for each in odd:
             yield judged(each, "held", "the others put it elsewhere")
-        worst = odd[0]
-        yield wanted(worst.pose, "again", worst.number)
+        yield wanted("again", odd[0])
 
 
-def judged(reading: Reading, as_: str, why: str = "") -> Event:
-    """How a reading stands from now on."""
-    return {"event": "judged", "number": reading.number, "as": as_, "why": why}
+def judged(reading: Reading, as_: str, why: str = "", *, proof: bool = False) -> Event:
+    """How a reading stands from now on. Args: proof: that nothing had moved by then."""
+    return {"event": "judged", "number": reading.number, "as": as_, "why": why, "proof": proof}
 
 
-def wanted(pose: str, asked: str, beside: int) -> Event:
-    """What is read next."""
-    return {"event": "wanted", "pose": pose, "asked": asked, "beside": beside}
+def wanted(asked: Asked, beside: Reading, since: int = 0) -> Event:
+    """The pose of a reading is read again next. Args: since: the first reading that is not proved by that one."""
+    return {"event": "wanted", "pose": beside.pose, "asked": asked, "beside": beside.number, "since": since}
 
 
 def moved(aim: Aim, course: Course, first: int, beside: Reading, size: float, unit: str) -> Event:

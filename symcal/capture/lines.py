@@ -2,21 +2,21 @@
 
 To the instrument:
 
-    CAPTURE 1 q1_deg ... qn_deg -> x_mm y_mm z_mm        once: what joint readings and readings are
-    MEASURE 7 12 30.5 -80 ... [FROM + - ...]             number of the request, pose, joint readings to drive to; and from
-                                                         which side each joint is to come there
-    SAY ...                                              for people
-    END ...                                              nothing is wanted any more, and why
+    CAPTURE 1 q1_deg ... qn_deg -> x_mm y_mm z_mm   once: what joint readings and readings are
+    MEASURE 7 12 30.5 -80 ... [FROM + - ...]        number of the request, pose, joint readings to drive to; and from
+                                                    which side each joint is to come there
+    SAY ...                                         for people
+    END ...                                         nothing is wanted any more, and why
 
 and from it, for every MEASURE one of the first two:
 
-    1203.512 -88.204 511.93                              what was read, in the order and units of the first line; nan for
-                                                         what was not seen. `OK` may stand before
-    MISS no line of sight                                nothing could be read
-    AT 30.4998 -80.0003 ...                              before the reading: where the joints really are
-    FROM + - 0 ...                                       before the reading: from where they really came; 0: not known
-    STRIKE 5 the lamp was in the way                     the reading of that number shall not count
-    STOP                                                 enough for now
+    1203.512 -88.204 511.93                         what was read, in the order and units of the first line; nan for
+                                                    what was not seen. `OK` may stand before
+    MISS no line of sight                           nothing could be read
+    AT 30.4998 -80.0003 ...                         before the reading: where the joints really are
+    FROM + - 0 ...                                  before the reading: from where they really came; 0: not known
+    STRIKE 5 the lamp was in the way                the reading of that number shall not count
+    STOP                                            enough for now
 
 Words may be small letters; lines that begin with `#`, and empty ones, are passed over.
 """

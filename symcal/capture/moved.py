@@ -2,9 +2,9 @@
 
 A place that jumps before reading k is a model with one more place for the readings from k on. With the whitened rows of
 all others projected out, the jump that explains most takes b^T A^-1 b off the squared residuals, b = D^T r and
-A = D^T (1 - H) D: chi-squared in as many degrees of freedom as the jump has where nothing moved. Every place and each of
-the last readings is tried, so a jump counts at a probability divided by their number. What is suspected is proved by
-reading a known pose again, which no error of the robot's model can imitate.
+A = D^T (1 - H) D: chi-squared in as many degrees of freedom as the jump has where nothing moved. Every place and each
+of the last readings is tried, and the probability counts as often. What is suspected is proved by reading a known pose
+again, which no error of the robot's model can imitate.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What is said after every pose: how accurate the robot is for sure, how many poses it still takes, and which is next."""
+"""What is said after every pose: how accurate the robot is for sure, how many more it takes, and which is next."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from symcal.words import number, plural
 
 Order = Literal["best", "plan"]
 """The plan's pose that helps most, or the next one in its order; further ones of the region when these are used up."""
-Ending = Literal["reached", "impossible", "used up", "moved"]
+Ending = Literal["reached", "impossible", "used up", "moved", "mistaken"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,9 @@ class Outlook:
         return f"{text}; about {self.forecast.poses} more {'is' if self.forecast.poses == 1 else 'are'} needed"
 
 
-def outlook(aim: Aim, course: Course, known: Estimate | None, order: Order = "best", most: int | None = None) -> Outlook:
+def outlook(
+    aim: Aim, course: Course, known: Estimate | None, order: Order = "best", most: int | None = None
+) -> Outlook:
     """How a capture stands.
 
     Args:
@@ -56,8 +58,8 @@ def outlook(aim: Aim, course: Course, known: Estimate | None, order: Order = "be
     left = [i for i in range(aim.planned) if aim.names[i] not in course.done]
     pool = [i for i in range(aim.planned, len(aim.names)) if aim.names[i] not in course.done]
     accuracy = None if known is None else there.accuracy
-    if course.moved is not None:
-        return Outlook(len(taken), accuracy, None, None, "moved", course.words)
+    if course.mistaken or (course.moved is not None and course.wanted is None):
+        return Outlook(len(taken), accuracy, None, None, "mistaken" if course.mistaken else "moved", course.words)
     path = left if order == "plan" else []
     foretold = None if aim.tolerance is None or known is None else forecast(there, aim.tolerance, path, left or pool)
     if course.wanted is not None:

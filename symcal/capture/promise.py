@@ -98,7 +98,7 @@ def first_ground(aim: Aim, poses: Sequence[int]) -> Ground:
     placed."""
     info = aim.problem.info
     x, setup = np.zeros(len(aim.model.parameters)), aim.model.setup.vector
-    covariance = np.linalg.inv(info.sizes.T @ info.sizes)
+    covariance = np.asarray(np.linalg.inv(info.sizes.T @ info.sizes), dtype=np.float64)
     found = Ground(covariance, _weight(aim, x, setup), aim.rows)
     for number in poses:
         found = found.with_pose(number)

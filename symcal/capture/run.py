@@ -35,8 +35,10 @@ class Captured:
     @property
     def ended_well(self) -> bool:
         """Whether nothing speaks against going on to identify."""
-        return self.stopped or self.outlook.ending == "reached" or (
-            self.outlook.ending == "used up" and self.outlook.forecast is None
+        return (
+            self.stopped
+            or self.outlook.ending == "reached"
+            or (self.outlook.ending == "used up" and self.outlook.forecast is None)
         )
 
     @property
@@ -117,7 +119,7 @@ class _Lead:
         session = self.session
         if afresh:
             session.add(
-                {"event": "settled", "number": session.course.last},
+                {"event": "settled"},
                 *(judged(each, "struck", "begun anew") for each in session.course.standing("new", "taken", "held")),
             )
         course = session.course
@@ -127,7 +129,7 @@ class _Lead:
         if session.course.moved is not None:
             before = [each for each in session.course.taken if each.number < session.course.moved]
             if before and session.course.wanted is None:
-                session.add(wanted(before[-1].pose, "check", before[-1].number))
+                session.add(wanted("check", before[-1], session.course.moved))
 
     def _asked(self, of: Wanted) -> bool:
         """Ask the instrument once; False where it is enough for now."""
@@ -156,7 +158,10 @@ class _Lead:
         self._tell(f"pose {reading.pose}: {_said(done.found)}")
         for event in done.events:
             if event["event"] == "wanted":
-                words = {"again": "read pose {} once more", "check": "read pose {} again, to see whether all still stands"}
+                words = {
+                    "again": "read pose {} once more",
+                    "check": "read pose {} again, to see whether all still stands",
+                }
                 self._tell(words[str(event["asked"])].format(event["pose"]))
             elif event["event"] == "judged" and event["as"] != "taken" and event["number"] != reading.number:
                 other = session.course.numbered(int(event["number"]))

@@ -1,8 +1,8 @@
 """The folder of a capture: its journal, the measurements as a table, and an experiment that identifies them.
 
-    journal.jsonl       every event, appended and flushed before anything follows from it
-    measurements.csv    all readings, made anew from the journal after each of them; those that do not count are `unused`
-    session.yaml        the experiment of the plan on these measurements: `symcal identify session.yaml`
+journal.jsonl       every event, appended and flushed before anything follows from it
+measurements.csv    all readings, made anew from the journal after each of them; those that do not count are `unused`
+session.yaml        the experiment of the plan on these measurements: `symcal identify session.yaml`
 """
 
 from __future__ import annotations
@@ -63,6 +63,7 @@ class Session:
                 "pose": wanted.pose,
                 "asked": wanted.asked,
                 "beside": wanted.beside,
+                "since": wanted.since,
                 "q": q.tolist(),
                 "z": [float(value) if np.isfinite(value) else None for value in z],
                 "from": directions.tolist(),

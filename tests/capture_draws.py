@@ -34,7 +34,11 @@ from symcal.capture.simulated import Mishaps, Simulated, simulated
 from symcal.drafts.files import write_first_files
 from symcal.drafts.instrument import draft_named
 from symcal.drafts.robot_file import of_arm
+from symcal.planning.area import draw
+from symcal.planning.plan_file import write_plan
+from symcal.planning.plan_problem import plan_problem
 from symcal.robot.robot import Robot
+from symcal.runs.load import load
 from symcal.runs.plan import run_plan
 
 Array = NDArray[np.float64]
@@ -122,19 +126,36 @@ def _rms(vectors: Array) -> float:
 # --------------------------------------------------------------------------------------------------------- the runs
 
 
-def planned(folder: Path, *, stated: bool = True, poses: int = 40) -> Path:
-    """A plan of a UR5e measured by a tracker, as a user would make it; its folder."""
-    first = folder / "first"
-    first.mkdir()
-    write_first_files(of_arm("ur5e"), draft_named("tracker"), first)
-    file = first / "experiment.yaml"
+def first_files(folder: Path, *, stated: bool = True) -> Path:
+    """What `symcal init` writes for a UR5e and a tracker, with the noise stated or not; the experiment."""
+    write_first_files(of_arm("ur5e"), draft_named("tracker"), folder)
+    file = folder / "experiment.yaml"
     text = file.read_text()
     if stated:
+        assert "target: reflector}" in text
         text = text.replace("target: reflector}", f"target: reflector, noise: {{position: {NOISE}}}}}")
     file.write_text(text)
-    overrides = ("outputs.figures=false", "outputs.report=false", f"plan.poses={poses}", "plan.promise.random=1")
-    run_plan(file, folder / "plan", overrides=overrides)
+    return file
+
+
+def planned(folder: Path, *, stated: bool = True) -> Path:
+    """A plan of forty poses, as a user would make it; its folder."""
+    (folder / "first").mkdir()
+    quiet = ("outputs.figures=false", "outputs.report=false", "plan.promise.random=1")
+    run_plan(first_files(folder / "first", stated=stated), folder / "plan", overrides=quiet)
     return folder / "plan"
+
+
+def quick_plan(folder: Path, *, stated: bool = True) -> Path:
+    """Forty poses with many joints at their limits, as a plan's folder has them: nobody has chosen them."""
+    plan = folder / "plan"
+    plan.mkdir()
+    file = first_files(plan, stated=stated).rename(plan / "experiment.resolved.yaml")
+    experiment = load(file)
+    problem = plan_problem(experiment.file, experiment.document, experiment.model, np.random.default_rng(1))
+    poses = draw(problem.area, np.random.default_rng(2), 40, problem.feasible, share=0.4)
+    write_plan(plan / "plan.csv", experiment.robot, poses)
+    return plan
 
 
 def run(aim: Aim, seed: int, order: Order, mishaps: Mishaps) -> Run:

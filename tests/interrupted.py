@@ -31,7 +31,7 @@ def count_steps(work: Work, folder: Path) -> int:
         work()
         os.write(write, str(steps[0]).encode())
 
-    assert _ended(_forked(counted)) == 0
+    assert _ended(forked(counted)) == 0
     os.close(write)
     with os.fdopen(read) as pipe:
         return int(pipe.read())
@@ -51,14 +51,14 @@ def kill_at(work: Work, step: int, folder: Path) -> bool:
         _watch(folder, one)
         work()
 
-    status = _ended(_forked(killed))
+    status = _ended(forked(killed))
     assert status in (0, -signal.SIGKILL), f"the child ended with {status}"
     return status != 0
 
 
 def kill_after(work: Work, seconds: float) -> bool:
     """Do the work in a child that is killed after a time; whether it was not done by then."""
-    child = _forked(work)
+    child = forked(work)
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         pid, status = os.waitpid(child, os.WNOHANG)
@@ -72,10 +72,10 @@ def kill_after(work: Work, seconds: float) -> bool:
 
 def together(works: list[Work]) -> list[int]:
     """Do pieces of work at the same time, each in a child; their exit codes."""
-    return [_ended(child) for child in [_forked(work) for work in works]]
+    return [_ended(child) for child in [forked(work) for work in works]]
 
 
-def _forked(work: Work) -> int:
+def forked(work: Work) -> int:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of forks in a process with threads
         child = os.fork()

@@ -18,7 +18,7 @@ from symcal.calibration.mistakes.hypotheses import Hypothesis, axis_hypotheses, 
 from symcal.calibration.outliers import outliers
 from symcal.capture.aim import Aim
 from symcal.capture.course import Reading
-from symcal.capture.estimate import Estimate, chance, dataset, estimate, foreseen
+from symcal.capture.estimate import Estimate, chance, dataset, foreseen
 from symcal.placing.placement import stated
 from symcal.units import SHOWN, SHOWN_UNITS
 from symcal.words import number
@@ -99,21 +99,17 @@ def _sigma_of_numbers(aim: Aim, noise: dict[str, float]) -> Array:
     return np.tile(sizes, max(len(aim.observation.features), 1))
 
 
-def odd_among(
-    aim: Aim, readings: Sequence[Reading], last: Estimate | None
-) -> tuple[Estimate | None, tuple[Reading, ...]]:
-    """The estimate of some readings, and those among them that the others do not explain.
+def odd_among(aim: Aim, known: Estimate, readings: Sequence[Reading]) -> tuple[Reading, ...]:
+    """The readings that the others do not explain.
 
     Args:
-        last: of almost the same readings.
+        known: the estimate of these readings.
     """
-    known = estimate(aim, dataset(aim, readings), last)
-    if known is None or known.fit.dof < 1:
-        return known, ()
+    if known.fit.dof < 1:
+        return ()
     listed = outliers(aim.model, known.data, known.fit, stated(aim.model, known.setup)).listed
     names = {each.pose for each in listed}
-    odd = tuple(r for r, label in zip(readings, known.data.labels, strict=True) if label in names)
-    return known, odd
+    return tuple(r for r, label in zip(readings, known.data.labels, strict=True) if label in names)
 
 
 def _stale(reading: Reading, others: Sequence[Reading]) -> str:

@@ -27,6 +27,7 @@ SURE = 0.90
 """The noise is taken at the limit below which it lies with this probability, where it is estimated."""
 UNLIKELY = 1e-3
 """Probability by chance of residuals so large at the stated noise, from which on they are more than that noise."""
+_SURELY = 0.99  # probability with which at least so much is beyond the stated noise
 _OVER = 3  # equations beyond the unknown frames with which everything is placed
 _TO_TELL = 6  # equations beyond all unknowns from which noise is told; before, it is what the plan was made with
 _PLACED_ANEW = 4  # poses for which places are sought anew; later they only move
@@ -34,8 +35,8 @@ _PLACED_ANEW = 4  # poses for which places are sought anew; later they only move
 
 @dataclass(frozen=True, slots=True)
 class Misfit:
-    """Residuals that are more than the stated noise: of a group, how many times, and rms of what is beyond it (its
-    unit, over the components of a reading)."""
+    """Residuals that are more than the stated noise: of a group, how many times, and the least rms of what is beyond it
+    (its unit, over the components of a reading)."""
 
     group: str
     ratio: float
@@ -67,7 +68,7 @@ class Estimate:
 
 
 def dataset(aim: Aim, readings: Sequence[Reading]) -> Dataset:
-    """Readings as an identification has them; a pose that was read again has a name of its own, such as `12.2`."""
+    """Readings as an identification has them; a pose that was read again has a name of its own, such as `12 (2)`."""
     o = aim.observation
     width = len(o.instrument.columns) * max(len(o.features), 1)
     count = len(readings)
@@ -92,7 +93,7 @@ def labels(readings: Sequence[Reading]) -> tuple[str, ...]:
     found = []
     for reading in readings:
         times[reading.pose] = times.get(reading.pose, 0) + 1
-        found.append(reading.pose if times[reading.pose] == 1 else f"{reading.pose}.{times[reading.pose]}")
+        found.append(reading.pose if times[reading.pose] == 1 else f"{reading.pose} ({times[reading.pose]})")
     return tuple(found)
 
 
@@ -142,8 +143,9 @@ def _noise(aim: Aim, found: Fit, *, told: bool) -> tuple[Misfit | None, dict[str
         if group.name in found.estimated:
             noise[group.name] *= limit
         elif float(scipy.special.chdtrc(dof, squares)) < UNLIKELY:
-            ratio, sigma = float(np.sqrt(squares / dof)), noise[group.name]
-            misfit = Misfit(group.name, ratio, sigma * float(np.sqrt((ratio**2 - 1) * group.block)), group.unit)
+            least = max(squares / (2 * scipy.special.gammaincinv(dof / 2, _SURELY)), 1.0)
+            beyond = noise[group.name] * float(np.sqrt((least - 1) * group.block))
+            misfit = Misfit(group.name, float(np.sqrt(squares / dof)), beyond, group.unit)
             noise[group.name] *= limit
     return misfit, noise
 

@@ -3,7 +3,7 @@
     odd                 the same pose is read again
     ... and now good    the first one was a slip
     ... and the same    a known pose is read again: has something moved, or is it this pose alone?
-    ... off as well     something has moved
+    ... off as well     and one more: something has moved, unless that one is as it was and the first was the slip
     ... as it was       the readings are judged anew, all together: those that the others do not explain are left out;
                         if they are many, it is the model that lacks something, and all count
 
@@ -12,7 +12,7 @@ Everything is an event for the journal; nothing here has a memory of its own.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -63,7 +63,7 @@ def judge(aim: Aim, course: Course, known: Estimate | None, reading: Reading) ->
         now = now.after(event)
     if now.taken != course.taken:
         known = estimate(aim, dataset(aim, now.taken), known)
-        if now.wanted is None and now.moved is None:
+        if now.wanted is None and now.moved is None and not now.mistaken:
             more = tuple(_afterwards(aim, now, known))
             for event in more:
                 now = now.after(event)
@@ -133,6 +133,7 @@ def _checked(aim: Aim, course: Course, known: Estimate | None, reading: Reading,
     """A known pose was read again: does it read as before?"""
     p, size, unit = apart(aim, known, reading, beside)
     tries = [each for each in _tries(course, reading) if each.of == reading.of]
+    others = [each for each in course.standing("held") if each.of.asked == "check" and each.pose != reading.pose]
     if p >= ODD:
         yield judged(reading, "taken", proof=True)
         for each in tries:
@@ -141,20 +142,48 @@ def _checked(aim: Aim, course: Course, known: Estimate | None, reading: Reading,
             yield {"event": "settled"}
             for each in course.standing("held"):
                 yield judged(each, "struck", "read while something stood elsewhere")
-        else:
-            yield from _all_together(aim, course, reading, known)
+            return
+        for each in others:  # two of them agreed: what they were compared with was wrong
+            yield judged(each, "taken")
+            old = course.numbered(each.of.beside)
+            if old is not None and old.standing == "taken":
+                yield judged(old, "struck", f"a slip: read again it was another, while pose {beside.pose} is as before")
+        yield from _all_together(aim, course, reading, known)
         return
     yield judged(reading, "held", f"{number(size)} {unit} from what was read there before")
     if course.moved is not None:
         yield moved(aim, course, course.moved, beside, size, unit)
-    elif any(agree(aim, known, each, reading) for each in tries) or len(tries) + 1 >= TRIES:
+    elif any(agree(aim, known, each, reading) for each in tries):
+        second = None if others else _second(course, beside)
+        if second is not None:  # it may have been a slip that they were compared with
+            yield wanted("check", second, reading.of.since)
+            return
         since = [each for each in course.standing("taken", "held") if reading.of.since <= each.number < reading.number]
         for each in since:
             if each.standing == "taken":
                 yield judged(each, "held", "something has moved, before it or after")
         yield moved(aim, course, min((each.number for each in since), default=reading.number), beside, size, unit)
+    elif len(tries) + 1 >= TRIES:
+        yield {"event": "mistaken", "why": _unsteady(aim, known, reading, (*tries, beside))}
     else:
         yield wanted("check", beside, reading.of.since)
+
+
+def _second(course: Course, beside: Reading) -> Reading | None:
+    """Another reading to compare with: the last one before, else any."""
+    others = [each for each in course.taken if each.pose != beside.pose]
+    before = [each for each in others if each.number < beside.number]
+    return (before or others)[-1] if others else None
+
+
+def _unsteady(aim: Aim, known: Estimate | None, reading: Reading, others: Sequence[Reading]) -> str:
+    """What is said of a pose that reads otherwise each time."""
+    size, unit = max((apart(aim, known, reading, each)[1:] for each in others), key=lambda each: each[0])
+    return (
+        f"pose {reading.pose} reads otherwise each time, by up to {number(size)} {unit}, which is more than the noise "
+        f"that is stated: is {_ends(aim)[1]} tight, does the robot stand still, and is the noise what the instrument "
+        "has? Where it is not, state it in the experiment and plan again"
+    )
 
 
 def _all_together(aim: Aim, course: Course, reading: Reading, last: Estimate | None) -> Iterator[Event]:
@@ -163,7 +192,8 @@ def _all_together(aim: Aim, course: Course, reading: Reading, last: Estimate | N
     if not held:
         return
     every = sorted((*course.taken, *held, reading), key=lambda each: each.number)
-    _, odd = odd_among(aim, every, last)
+    known = estimate(aim, dataset(aim, every), last)
+    odd = () if known is None else odd_among(aim, known, every)
     numbers = {each.number for each in odd}
     many = len({each.pose for each in odd}) > max(_MANY * len({each.pose for each in every}), 1)
     for each in held:
@@ -186,7 +216,7 @@ def _afterwards(aim: Aim, course: Course, known: Estimate | None) -> Iterator[Ev
     if found is not None or course.unproved >= UNPROVED:
         yield from _to_check(aim, course, known, None if found is None else course.taken[found.at].number)
         return
-    _, odd = odd_among(aim, course.taken, known)
+    odd = odd_among(aim, known, course.taken)
     if odd and len(odd) <= max(_MANY * len(course.taken), 1):
         for each in odd:
             yield judged(each, "held", "the others put it elsewhere")

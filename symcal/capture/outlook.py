@@ -17,12 +17,15 @@ Order = Literal["best", "plan"]
 Ending = Literal["reached", "impossible", "used up", "moved", "mistaken"]
 
 
+_REQUESTS = 5  # readings for each pose that is allowed, after which it is enough
+
+
 @dataclass(frozen=True, slots=True)
 class Outlook:
     """How a capture stands.
 
-    poses: readings that count. accuracy: over the region; None while it cannot be said. forecast: poses still needed;
-    None without a tolerance. next: what to read; None where it ends, and then ending and why.
+    poses: that were read and count. accuracy: over the region; None while it cannot be said. forecast: poses still
+    needed; None without a tolerance. next: what to read; None where it ends, and then ending and why.
     """
 
     poses: int
@@ -54,24 +57,27 @@ def outlook(
         most: poses at most; the plan's, and as many again where a tolerance is wanted, when None.
     """
     taken = [aim.number(reading.pose) for reading in course.taken]
+    poses = len(set(taken))
     there = first_ground(aim, taken) if known is None else ground(aim, known)
     left = [i for i in range(aim.planned) if aim.names[i] not in course.done]
     pool = [i for i in range(aim.planned, len(aim.names)) if aim.names[i] not in course.done]
     accuracy = None if known is None else there.accuracy
     if course.mistaken or (course.moved is not None and course.wanted is None):
-        return Outlook(len(taken), accuracy, None, None, "mistaken" if course.mistaken else "moved", course.words)
+        return Outlook(poses, accuracy, None, None, "mistaken" if course.mistaken else "moved", course.words)
     path = left if order == "plan" else []
     foretold = None if aim.tolerance is None or known is None else forecast(there, aim.tolerance, path, left or pool)
     if course.wanted is not None:
-        return Outlook(len(taken), accuracy, foretold, course.wanted)
+        return Outlook(poses, accuracy, foretold, course.wanted)
     ending, why = _ending(aim, known, accuracy, foretold)
     limit = most if most is not None else aim.planned * (1 if aim.tolerance is None else 2)
-    if not ending and (len(taken) >= limit or not (left or (pool and aim.tolerance is not None))):
+    if not ending and (
+        poses >= limit or course.last >= _REQUESTS * limit or not (left or (pool and aim.tolerance is not None))
+    ):
         ending = "used up"
-        why = "every pose of the plan was read" if aim.tolerance is None else _used_up(foretold, len(taken))
+        why = "every pose of the plan was read" if aim.tolerance is None else _used_up(foretold, poses)
     if ending:
-        return Outlook(len(taken), accuracy, foretold, None, ending, why)
-    return Outlook(len(taken), accuracy, foretold, Wanted(aim.names[_next(there, left, pool, order)]))
+        return Outlook(poses, accuracy, foretold, None, ending, why)
+    return Outlook(poses, accuracy, foretold, Wanted(aim.names[_next(there, left, pool, order)]))
 
 
 def _next(there: Ground, left: list[int], pool: list[int], order: Order) -> int:
@@ -96,7 +102,7 @@ def _ending(
     misfit = known.misfit
     if misfit is not None and misfit.unit == "mm" and misfit.beyond > aim.tolerance:
         return "impossible", (
-            f"{asked} cannot be kept: the model leaves {number(misfit.beyond)} mm rms beyond the noise that is stated, "
+            f"{asked} cannot be kept: the model leaves {number(misfit.beyond)} mm rms and more beyond the noise that is stated, "
             "at the poses that were measured, and more poses do not take that away. It is the model (play, elastic "
             "joints, waves of the gears: see 'identification.extend'), or the noise is not what is stated"
         )

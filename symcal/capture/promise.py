@@ -50,6 +50,11 @@ class Ground:
     weight: Array
     rows: Array
 
+    def within(self, tolerance: float) -> bool:
+        """Whether the error is below a tolerance for sure; looked at closely only where it is on the average."""
+        expected = float(np.sum(self.weight * self.covariance))
+        return expected <= tolerance**2 and self.accuracy.sure <= tolerance
+
     @property
     def accuracy(self) -> Accuracy:
         values, vectors = np.linalg.eigh(self.covariance)
@@ -132,12 +137,12 @@ def forecast(start: Ground, tolerance: float, order: Sequence[int], open_: Seque
     Args:
         tolerance: mm. order: poses that come next, as far as that is fixed. open_: those to choose from after that.
     """
-    if start.accuracy.sure <= tolerance:
+    if start.within(tolerance):
         return Forecast(0, 0.0)
     path, now = _coming(start, iter(order), open_), start
     for count in range(1, MOST + 1):
         now = next(path)
-        if now.accuracy.sure <= tolerance:
+        if now.within(tolerance):
             return Forecast(count, 0.0)
     floor = _endless(now, open_).accuracy.sure
     if floor >= tolerance:

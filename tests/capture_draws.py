@@ -84,7 +84,12 @@ def lead(aim: Aim, there: Simulated, order: Order) -> tuple[Course, Outlook, Est
 
 
 def reflector(robot: Robot, q: Array, point: Array) -> Array:
-    """Where a robot of the standard convention puts a point of its tool, shape (N, 3); each link is Rz Tz Tx Rx Ry."""
+    """Where a robot puts a point of its tool, shape (N, 3)."""
+    return (tool_frames(robot, q) @ np.append(point, 1.0))[:, :3]
+
+
+def tool_frames(robot: Robot, q: Array) -> Array:
+    """Where a robot of the standard convention puts its tool, shape (N, 4, 4); each link is Rz Tz Tx Rx Ry."""
     at = np.broadcast_to(robot.base, (len(q), 4, 4))
     for i, link in enumerate(robot.links):
         p = {name: link.parameters.get(name, 0.0) for name in ("theta", "d", "a", "alpha", "beta")}
@@ -93,7 +98,7 @@ def reflector(robot: Robot, q: Array, point: Array) -> Array:
         step[:, :3, :3] = turn @ Rotation.from_euler("XY", [p["alpha"], p["beta"]]).as_matrix()
         step[:, :3, 3] = turn @ np.array([p["a"], 0.0, 0.0]) + [0.0, 0.0, p["d"]]
         at = at @ step
-    return (at @ robot.tool @ np.append(point, 1.0))[:, :3]
+    return np.asarray(at @ robot.tool)
 
 
 def errors(aim: Aim, there: Simulated, known: Estimate) -> tuple[float, float]:

@@ -11,12 +11,14 @@ import threading
 from dataclasses import asdict, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pandas as pd
 import pytest
-from capture_draws import TOLERANCE, lead, quick_plan, run
+from capture_draws import TOLERANCE, lead, quick_plan, run, tool_frames
 from capture_kills import disturbed, undisturbed
 
+from symcal.calibration.simulate import simulate
 from symcal.capture.aim import Aim, aim_of
 from symcal.capture.course import Course, Reading, Wanted, course_of
 from symcal.capture.estimate import dataset, estimate
@@ -26,7 +28,15 @@ from symcal.capture.lines import Missed, Read, Request, Stop, Strike, answer, as
 from symcal.capture.outlook import outlook
 from symcal.capture.promise import first_ground, forecast, ground
 from symcal.capture.simulated import Mishaps, Simulated, simulated
+from symcal.capture.watched_folder import WatchedFolder
+from symcal.drafts.files import write_first_files
+from symcal.drafts.instrument import draft_named
+from symcal.drafts.robot_file import of_arm
 from symcal.errors import InputError, RefusedError
+from symcal.instruments.noise import Noise
+from symcal.planning.plan_file import write_plan
+from symcal.runs.load import load
+from symcal.vision.render import render_board
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +118,7 @@ def test_at_first_the_best_poses_are_those_of_what_is_plausible(aim: Aim) -> Non
     assert first_ground(aim, ()).accuracy.sure > 100 > first_ground(aim, range(30)).accuracy.sure
 
 
-@pytest.mark.parametrize(("order", "most"), [("best", 18), ("plan", 40)])
+@pytest.mark.parametrize(("order", "most"), [("best", 18), pytest.param("plan", 40, marks=pytest.mark.long)])
 def test_a_capture_keeps_what_it_promised(aim: Aim, order: str, most: int) -> None:
     found = run(aim, 3, order, Mishaps())  # type: ignore[arg-type]
     assert found.outlook.ending == "reached"
@@ -399,6 +409,42 @@ def test_a_server_that_goes_away_comes_back(plan: Path, aim: Aim, there: Simulat
     table = pd.read_csv("session/measurements.csv", comment="#")
     assert len(table) == 7
     assert table["pose"].is_unique
+
+
+def test_images_that_come_into_a_folder_are_measured(tmp_path: Path) -> None:
+    """A board that is seen by the nominal robot, rendered where forward kinematics of our own has it."""
+    write_first_files(of_arm("ur5e"), draft_named("board"), tmp_path)
+    file = (tmp_path / "experiment.yaml").rename(tmp_path / "experiment.resolved.yaml")
+    experiment = load(file)
+    poses = np.deg2rad([[0.0, -65, 55, 100, 90, 0], [5.0, -60, 50, 95, 85, 30]])
+    write_plan(tmp_path / "plan.csv", experiment.robot, poses, names=["near", "far"])
+    aim = aim_of(tmp_path)
+    o, folder = aim.observation, tmp_path / "images"
+    folder.mkdir()
+    assert o.instrument.camera is not None
+    assert o.target.board is not None
+    assert o.at.frame is not None
+    for i, name in ((0, "near"), (1, "far")):
+        camera = tool_frames(experiment.robot, poses[[i]])[0] @ o.at.frame
+        picture = render_board(
+            o.instrument.camera, o.target.board, np.linalg.inv(camera) @ o.target.at.nominal, np.random.default_rng(i)
+        )
+        cv2.imwrite(str(folder / f"cell_{name}.png"), picture)
+    told: list[Request] = []
+    way = WatchedFolder(aim, folder, ["cell_near.png"], told.append)
+    found = way.ask(Request(1, Wanted("far"), poses[1], np.zeros(6)))
+    assert isinstance(found, Read)
+    assert found.source == "cell_far.png"
+    model = aim.model
+    exact = simulate(model, {}, poses[[1]], Noise(), np.random.default_rng(0)).z[0]
+    both = np.isfinite(exact) & np.isfinite(found.z)
+    assert both.sum() > 40
+    assert np.sqrt(np.mean((exact - found.z)[both] ** 2)) < 0.1
+    assert told[0].number == 1
+    cv2.imwrite(str(folder / "near.png"), np.zeros((480, 640), dtype=np.uint8))
+    assert isinstance(way.ask(Request(2, Wanted("near"), poses[0], np.zeros(6))), Missed)
+    with pytest.raises(InputError, match="no such folder"):
+        WatchedFolder(aim, tmp_path / "nowhere", (), told.append)
 
 
 def test_killed_at_any_moment_it_loses_nothing(plan: Path, aim: Aim, tmp_path: Path) -> None:

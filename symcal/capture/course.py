@@ -2,13 +2,14 @@
 
 {"event": "begin", "schema": ..., "experiment": hash, "plan": hash}
 {"event": "reading", "number": 7, "pose": "12", "asked": "pose" | "again" | "check", "beside": 3, "since": 5,
- "q": [...], "z": [...], "from": [...]}                         rad and mm, as inside; null: not seen
+ "q": [...], "z": [...], "from": [...], "source": "30.png"}     rad and mm, as inside; null: not seen
 {"event": "missed", "number": 8, "pose": "3", "why": "..."}
 {"event": "judged", "number": 7, "as": "taken" | "held" | "struck", "why": "...", "proof": true}    the last counts
 {"event": "wanted", "asked": "again" | "check", "pose": "12", "beside": 3, "since": 5}      what is read next
 {"event": "moved", "number": 9, "why": "..."}                   something has moved before this reading
 {"event": "mistaken", "why": "..."}                             all readings are wrong in the same way
 {"event": "settled"}                                            neither is so any more
+{"event": "afresh"}                                             what was read so far does not count
 """
 
 from __future__ import annotations
@@ -73,7 +74,8 @@ class Course:
 
     readings: in their order. misses: poses that could not be read, as often as that was. last: number of the last
     request. wanted: what must be read before anything else. moved: before which reading something moved; None where all
-    stands. mistaken: whether all readings are wrong. words: of either.
+    stands. mistaken: whether all readings are wrong. words: of either. begun: number of the last request before it was
+    begun anew.
     """
 
     readings: tuple[Reading, ...] = ()
@@ -83,6 +85,7 @@ class Course:
     moved: int | None = None
     mistaken: bool = False
     words: str = ""
+    begun: int = 0
 
     def standing(self, *of: Standing) -> tuple[Reading, ...]:
         """The readings of which that is so."""
@@ -146,6 +149,9 @@ class Course:
             return replace(self, mistaken=True, words=str(event["why"]))
         if kind == "settled":
             return replace(self, moved=None, mistaken=False, words="")
+        if kind == "afresh":
+            struck = (replace(reading, standing="struck", why=reading.why or "begun anew") for reading in self.readings)
+            return Course(tuple(struck), last=self.last, begun=self.last)
         return self
 
     def _missed(self, event: Event) -> Wanted | None:

@@ -28,6 +28,7 @@ SURE = 0.90
 UNLIKELY = 1e-3
 """Probability by chance of residuals so large at the stated noise, from which on they are more than that noise."""
 _SURELY = 0.99  # probability with which at least so much is beyond the stated noise
+_FEWEST = 4  # poses
 _OVER = 3  # equations beyond the unknown frames with which everything is placed
 _TO_TELL = 6  # equations beyond all unknowns from which noise is told; before, it is what the plan was made with
 _PLACED_ANEW = 4  # poses for which places are sought anew; later they only move
@@ -104,13 +105,18 @@ def estimate(aim: Aim, data: Dataset, last: Estimate | None = None) -> Estimate 
         data: those that count. last: of almost the same data.
     """
     model = aim.model
-    free = placed_by(model, data) if len(data) else ()
+    if len(data) < _FEWEST:
+        return None
+    free = placed_by(model, data)
     seen = sum(int(part.seen(data.z).sum()) for part in model.measurement.parts)
     if set(free) != set(model.placement) or seen < len(free) + _OVER:
         return None
     options = replace(aim.options, sigma={**aim.nominal, **aim.options.sigma})
     if last is None or last.placed_with < _PLACED_ANEW + _fewest(seen, len(data), len(free)):
-        setup, with_, near = placed(model, data, options).setup, len(data), None
+        try:
+            setup, with_, near = placed(model, data, options).setup, len(data), None
+        except RefusedError:
+            return None
     else:
         setup, with_, near = last.setup, last.placed_with, (last.fit.x, last.fit.variances)
     rows = rows_of(model.measurement, data, setup, model.residuals)

@@ -6,8 +6,9 @@ import contextlib
 import socket
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import IO, Protocol
 
 from symcal.capture.aim import Aim
@@ -16,7 +17,7 @@ from symcal.capture.simulated import Mishaps, simulated
 from symcal.errors import InputError, printable
 from symcal.units import DEGREES
 
-WAYS = ("keyboard", "-", "tcp://HOST:PORT", "serial:DEVICE:BAUD", "simulated:SEED")
+WAYS = ("keyboard", "-", "tcp://HOST:PORT", "serial:DEVICE:BAUD", "images:FOLDER", "simulated:SEED")
 _PATIENCE = 60.0  # seconds in which a server that went away may come back
 _PAUSE = 0.1  # seconds between two tries
 _UNCLEAR = 5  # answers in a row that mean nothing
@@ -36,11 +37,11 @@ class Way(Protocol):
 
 
 @contextmanager
-def way_to(address: str, aim: Aim) -> Iterator[Way]:
+def way_to(address: str, aim: Aim, used: Iterable[str] = ()) -> Iterator[Way]:
     """The way to an instrument.
 
     Args:
-        address: one of `WAYS`.
+        address: one of `WAYS`. used: names of images that were read before.
     Raises:
         InputError: no such way, or nobody there.
     """
@@ -55,6 +56,10 @@ def way_to(address: str, aim: Aim) -> Iterator[Way]:
     elif kind == "serial":
         with contextlib.closing(_Serial(address, rest)) as port:
             yield Lines(aim, port.open)
+    elif kind == "images" and rest:
+        from symcal.capture.watched_folder import WatchedFolder
+
+        yield WatchedFolder(aim, Path(rest), used, lambda request: _show(aim, request))
     elif kind == "simulated":
         if rest and not rest.isdecimal():
             raise InputError("a seed is a number", key="--instrument", found=address, allowed=WAYS)
@@ -135,16 +140,7 @@ class Keyboard:
         print("type what is read, or: miss WHY, at Q1 Q2 ..., strike NUMBER, stop", file=sys.stderr)  # noqa: T201
 
     def ask(self, request: Request) -> Answer:
-        robot = self._aim.model.robot
-        shown = [
-            f"{joint.name} {value * DEGREES:.4f} deg" if joint.revolute else f"{joint.name} {value:.4f} mm"
-            for joint, value in zip(robot.joints, request.q, strict=True)
-        ]
-        print(f"\n{request.number}: pose {request.of.pose}: {', '.join(shown)}", file=sys.stderr)  # noqa: T201
-        if request.directions.any():
-            sides = ["above" if each < 0 else "below" for each in request.directions]
-            said = ", ".join(f"{joint.name} from {side}" for joint, side in zip(robot.joints, sides, strict=True))
-            print(f"   come there with {said}", file=sys.stderr)  # noqa: T201
+        _show(self._aim, request)
         while True:
             try:
                 return answer(self._aim, request, self._typed())
@@ -163,6 +159,20 @@ class Keyboard:
 
     def end(self, text: str) -> None:
         self.say(text)
+
+
+def _show(aim: Aim, request: Request) -> None:
+    """Tell people where to drive."""
+    joints = aim.model.robot.joints
+    shown = [
+        f"{joint.name} {value * DEGREES:.4f} deg" if joint.revolute else f"{joint.name} {value:.4f} mm"
+        for joint, value in zip(joints, request.q, strict=True)
+    ]
+    print(f"\n{request.number}: pose {request.of.pose}: {', '.join(shown)}", file=sys.stderr)  # noqa: T201
+    if request.directions.any():
+        sides = ["above" if each < 0 else "below" for each in request.directions]
+        said = ", ".join(f"{joint.name} from {side}" for joint, side in zip(joints, sides, strict=True))
+        print(f"   come there with {said}", file=sys.stderr)  # noqa: T201
 
 
 class Practice:

@@ -52,11 +52,12 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Read:
-    """An answer: what was read, shape (w,), where and from where the joints came."""
+    """An answer: what was read, shape (w,), where and from where the joints came. source: the file it is from."""
 
     z: Array
     q: Array
     directions: Array
+    source: str = ""
 
 
 @dataclass(frozen=True, slots=True)

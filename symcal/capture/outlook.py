@@ -17,6 +17,7 @@ Order = Literal["best", "plan"]
 Ending = Literal["reached", "impossible", "used up", "moved", "mistaken"]
 
 
+_TOLD = 10  # degrees of freedom from which on it is said that a tolerance cannot be kept
 _REQUESTS = 5  # readings for each pose that is allowed, after which it is enough
 
 
@@ -71,7 +72,9 @@ def outlook(
     ending, why = _ending(aim, known, accuracy, foretold)
     limit = most if most is not None else aim.planned * (1 if aim.tolerance is None else 2)
     if not ending and (
-        poses >= limit or course.last >= _REQUESTS * limit or not (left or (pool and aim.tolerance is not None))
+        poses >= limit
+        or course.last - course.begun >= _REQUESTS * limit
+        or not (left or (pool and aim.tolerance is not None))
     ):
         ending = "used up"
         why = "every pose of the plan was read" if aim.tolerance is None else _used_up(foretold, poses)
@@ -102,15 +105,15 @@ def _ending(
     misfit = known.misfit
     if misfit is not None and misfit.unit == "mm" and misfit.beyond > aim.tolerance:
         return "impossible", (
-            f"{asked} cannot be kept: the model leaves {number(misfit.beyond)} mm rms and more beyond the noise that is stated, "
-            "at the poses that were measured, and more poses do not take that away. It is the model (play, elastic "
-            "joints, waves of the gears: see 'identification.extend'), or the noise is not what is stated"
+            f"{asked} cannot be kept: at the poses that were measured the model leaves {number(misfit.beyond)} mm rms "
+            "and more beyond the noise that is stated, and more poses do not take that away. It is the model (play, "
+            "elastic joints, waves of the gears: see 'identification.extend'), or the noise is not what is stated"
         )
     if accuracy.sure <= aim.tolerance:
         return "reached", (
             f"the rms error over the region is below {asked} with 95 % probability ({number(accuracy.sure)} mm)"
         )
-    if foretold.poses is None:
+    if foretold.poses is None and known.fit.dof >= _TOLD:
         if foretold.floor >= aim.tolerance:
             return "impossible", (
                 f"{asked} cannot be kept: {number(foretold.floor)} mm come from directions that no pose of this plan "

@@ -25,21 +25,19 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class Captured:
-    """What a capture came to. stopped: by who measures, before its end."""
+    """What a capture came to. tolerance: mm, if one was wanted. stopped: by who measures, before its end."""
 
     folder: Path
     course: Course
     outlook: Outlook
+    tolerance: float | None
     stopped: bool
 
     @property
     def ended_well(self) -> bool:
         """Whether nothing speaks against going on to identify."""
-        return (
-            self.stopped
-            or self.outlook.ending == "reached"
-            or (self.outlook.ending == "used up" and self.outlook.forecast is None)
-        )
+        done = self.outlook.ending == "used up" and self.tolerance is None
+        return self.stopped or done or self.outlook.ending == "reached"
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -83,7 +81,7 @@ def capture(
     with one_thread():
         aim = aim_of(plan, tolerance)
         folder = out or Path("reports") / f"{file_name(aim.experiment.file.name)}-capture"
-        with opened_session(folder, aim) as session, way_to(instrument, aim) as way:
+        with opened_session(folder, aim) as session, way_to(instrument, aim, session.sources) as way:
             return _Lead(session, way, say, order, most).through(afresh=afresh)
 
 
@@ -110,18 +108,18 @@ class _Lead:
             self._tell(there.said)
             if there.next is None:
                 self.way.end(f"{there.ending}: {there.why}")
-                return Captured(self.session.folder, self.session.course, there, stopped=False)
+                return self._captured(there)
             if not self._asked(there.next):
-                return Captured(self.session.folder, self.session.course, there, stopped=True)
+                return self._captured(there, stopped=True)
+
+    def _captured(self, there: Outlook, *, stopped: bool = False) -> Captured:
+        return Captured(self.session.folder, self.session.course, there, self.aim.tolerance, stopped)
 
     def _resume(self, *, afresh: bool) -> None:
         """Where the last process left it."""
         session = self.session
         if afresh:
-            session.add(
-                {"event": "settled"},
-                *(judged(each, "struck", "begun anew") for each in session.course.standing("new", "taken", "held")),
-            )
+            session.add({"event": "afresh"})
         course = session.course
         self.known = estimate(self.aim, dataset(self.aim, course.taken))
         for reading in course.standing("new"):
@@ -146,7 +144,7 @@ class _Lead:
             session.missed(of, answer.why)
             self._tell(f"pose {of.pose}: missed: {answer.why}")
         elif isinstance(answer, Read):
-            session.read(of, answer.q, answer.z, answer.directions)
+            session.read(of, answer.q, answer.z, answer.directions, answer.source)
             self._judge(session.course.readings[-1])
         return True
 

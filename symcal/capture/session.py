@@ -54,8 +54,8 @@ class Session:
             head = [f"pose {each.pose}: {each.why}" for each in readings if each.why]
             save_measurements(dataset(self.aim, readings), self.aim.experiment.robot, self.folder / MEASUREMENTS, head)
 
-    def read(self, wanted: Wanted, q: Array, z: Array, directions: Array) -> None:
-        """Keep a reading, before it is looked at."""
+    def read(self, wanted: Wanted, q: Array, z: Array, directions: Array, source: str = "") -> None:
+        """Keep a reading, before it is looked at. Args: source: the file that it is from."""
         self.add(
             {
                 "event": "reading",
@@ -67,8 +67,14 @@ class Session:
                 "q": q.tolist(),
                 "z": [float(value) if np.isfinite(value) else None for value in z],
                 "from": directions.tolist(),
+                "source": source,
             }
         )
+
+    @property
+    def sources(self) -> frozenset[str]:
+        """Files that readings are from."""
+        return frozenset(str(event["source"]) for event in self.journal.events if event.get("source"))
 
     def missed(self, wanted: Wanted, why: str) -> None:
         """Keep that nothing could be read."""

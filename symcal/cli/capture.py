@@ -17,7 +17,7 @@ def capture(
         typer.Option(
             "--instrument",
             metavar="ADDRESS",
-            help="keyboard, - (lines on standard input), tcp://HOST:PORT, serial:DEVICE:BAUD, simulated:SEED",
+            help="keyboard, - (standard input), tcp://HOST:PORT, serial:DEVICE:BAUD, images:FOLDER, simulated:SEED",
         ),
     ] = "keyboard",
     out: Annotated[

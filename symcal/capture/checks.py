@@ -18,7 +18,7 @@ from symcal.calibration.mistakes.hypotheses import Hypothesis, axis_hypotheses, 
 from symcal.calibration.outliers import outliers
 from symcal.capture.aim import Aim
 from symcal.capture.course import Reading
-from symcal.capture.estimate import Estimate, chance, dataset, foreseen
+from symcal.capture.estimate import Estimate, chance, dataset, foreseen, whitened_rows
 from symcal.placing.placement import stated
 from symcal.units import SHOWN, SHOWN_UNITS
 from symcal.words import number
@@ -32,6 +32,7 @@ SHARP = 4.0
 shift by 25 of them is odd in 95 of 100 cases."""
 _LIKELY = 0.01  # the same of a reading as it would be without a mistake that explains it
 _STALE = 3  # numbers of a reading, at least, that are never the same twice by chance
+_FEW_MARKS = 8  # of which two may be taken for each other; the corners of a board have numbers
 _TWICE = 2.2  # times the arm's length: no two points of a tool are further apart
 
 
@@ -80,10 +81,13 @@ def agree(aim: Aim, known: Estimate | None, one: Reading, other: Reading) -> boo
 def apart(aim: Aim, known: Estimate | None, one: Reading, other: Reading) -> tuple[float, float, str]:
     """Probability by chance of the difference of two readings of one posture, and its size with its unit."""
     noise = dict(aim.nominal) if known is None else dict(known.noise)
-    both = np.isfinite(one.z) & np.isfinite(other.z)
-    sigma = _sigma_of_numbers(aim, noise)
-    difference = (one.z - other.z)[both] / (np.sqrt(2.0) * sigma[both])
-    size, _, unit = _shown(aim, (one.z - other.z)[both], np.ones(int(both.sum())))
+    before = other.z.copy()
+    if aim.instrument.reads == "frame" and one.z[3:] @ before[3:] < 0:
+        before[3:] *= -1  # the same attitude
+    both = np.isfinite(one.z) & np.isfinite(before)
+    difference = (one.z - before)[both]
+    size, _, unit = _shown(aim, difference, np.ones(len(difference)))
+    difference = difference / (np.sqrt(2.0) * _sigma_of_numbers(aim, noise)[both])
     return float(scipy.special.chdtrc(max(int(both.sum()), 1), float(difference @ difference))), size, unit
 
 
@@ -100,7 +104,7 @@ def _sigma_of_numbers(aim: Aim, noise: dict[str, float]) -> Array:
 
 
 def odd_among(aim: Aim, known: Estimate, readings: Sequence[Reading]) -> tuple[Reading, ...]:
-    """The readings that the others do not explain.
+    """The readings that the others do not explain, whichever have drawn the estimate to them.
 
     Args:
         known: the estimate of these readings.
@@ -110,6 +114,28 @@ def odd_among(aim: Aim, known: Estimate, readings: Sequence[Reading]) -> tuple[R
     listed = outliers(aim.model, known.data, known.fit, stated(aim.model, known.setup)).listed
     names = {each.pose for each in listed}
     return tuple(r for r, label in zip(readings, known.data.labels, strict=True) if label in names)
+
+
+def off_by_now(aim: Aim, known: Estimate, readings: Sequence[Reading]) -> tuple[Reading, ...]:
+    """Readings that counted and that the others, now that there are more, do not foretell; the worst first.
+
+    Each is left out of the linearised fit: r^T (1 - H)^-1 r, as of `symcal.fit.deletion`.
+
+    Args:
+        known: the estimate of these readings.
+    """
+    if known.fit.dof < 1:
+        return ()
+    white, slopes = whitened_rows(aim, known)
+    found = []
+    for reading, r, own in zip(readings, white, slopes, strict=True):
+        seen = own.any(axis=1)
+        left = np.eye(int(seen.sum())) - own[seen] @ known.covariance @ own[seen].T
+        square = float(r[seen] @ np.linalg.solve(left, r[seen]))
+        p = chance(square, len(left))
+        if p < ODD / len(readings):
+            found.append((p, reading))
+    return tuple(reading for _, reading in sorted(found, key=lambda each: each[0]))
 
 
 def _stale(reading: Reading, others: Sequence[Reading]) -> str:
@@ -154,7 +180,7 @@ def _mistakes(aim: Aim, reading: Reading) -> Sequence[tuple[str, Array, Array]]:
     found = [(h.text, q, h.measured(z[None])[0]) for h in usual if h.measured is not None]
     names = aim.observation.features
     each = z.reshape(max(len(names), 1), -1)
-    for i in range(len(names)):
+    for i in range(len(names) if len(names) <= _FEW_MARKS else 0):
         for k in range(i):
             order = list(range(len(names)))
             order[i], order[k] = k, i

@@ -211,3 +211,13 @@ def chance(square: float, count: int) -> float:
         square: distance in standard deviations, squared. count: components of the reading.
     """
     return float(scipy.special.chdtrc(count, square))
+
+
+def whitened_rows(aim: Aim, known: Estimate) -> tuple[Array, Array]:
+    """Residuals of the readings of an estimate over the noise, shape (N, m), and their slopes by the scaled parameters,
+    shape (N, m, p); zero where nothing was read."""
+    rows = rows_of(aim.model.measurement, known.data, known.setup, aim.model.residuals)
+    r, jacobian = rows(known.fit.x)
+    inverse = np.where(rows.seen, 1 / known_sigma(rows, known.noise), 0.0)
+    index = aim.model.parameters.indices(aim.parameters)
+    return r * inverse, jacobian[:, :, index] * aim.scales * inverse[:, :, None]

@@ -19,7 +19,7 @@ import numpy as np
 
 from symcal.calibration.mistakes.search import find_mistakes
 from symcal.capture.aim import Aim
-from symcal.capture.checks import ODD, Found, agree, apart, check, odd_among
+from symcal.capture.checks import ODD, Found, agree, apart, check, odd_among, off_by_now
 from symcal.capture.course import Asked, Course, Reading
 from symcal.capture.estimate import Estimate, dataset, estimate
 from symcal.capture.journal import Event
@@ -216,10 +216,9 @@ def _afterwards(aim: Aim, course: Course, known: Estimate | None) -> Iterator[Ev
     if found is not None or course.unproved >= UNPROVED:
         yield from _to_check(aim, course, known, None if found is None else course.taken[found.at].number)
         return
-    odd = odd_among(aim, known, course.taken)
+    odd = off_by_now(aim, known, course.taken)
     if odd and len(odd) <= max(_MANY * len(course.taken), 1):
-        for each in odd:
-            yield judged(each, "held", "the others put it elsewhere")
+        yield judged(odd[0], "held", "the others put it elsewhere")
         yield wanted("again", odd[0])
 
 

@@ -16,9 +16,7 @@ import scipy
 from numpy.typing import NDArray
 
 from symcal.capture.aim import Aim
-from symcal.capture.estimate import Estimate
-from symcal.fit.noise import known_sigma
-from symcal.fit.residual_rows import rows_of
+from symcal.capture.estimate import Estimate, whitened_rows
 
 Array = NDArray[np.float64]
 
@@ -50,12 +48,8 @@ def jump(aim: Aim, known: Estimate, first: int) -> Jump | None:
     stems = dict.fromkeys(name.rpartition("_")[0] for name in aim.model.placement)
     if not starts or known.fit.dof < 1:
         return None
-    rows = rows_of(aim.model.measurement, known.data, known.setup, aim.model.residuals)
-    r, jacobian = rows(known.fit.x)
-    inverse = np.where(rows.seen, 1 / known_sigma(rows, known.noise), 0.0)
-    index = aim.model.parameters.indices(aim.parameters)
-    slopes = jacobian[:, :, index] * aim.scales * inverse[:, :, None]
-    white = (r * inverse).ravel()
+    white, slopes = whitened_rows(aim, known)
+    white = white.ravel()
     # C of the scaled parameters with what was known before: H = J C J^T
     flat = slopes.reshape(len(white), -1)
     root = np.linalg.cholesky(known.covariance + 1e-15 * np.diag(np.diag(known.covariance)))

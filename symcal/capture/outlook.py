@@ -17,7 +17,6 @@ Order = Literal["best", "plan"]
 Ending = Literal["reached", "impossible", "used up", "moved", "mistaken"]
 
 
-_TOLD = 10  # degrees of freedom from which on it is said that a tolerance cannot be kept
 _REQUESTS = 5  # readings for each pose that is allowed, after which it is enough
 
 
@@ -69,7 +68,7 @@ def outlook(
     foretold = None if aim.tolerance is None or known is None else forecast(there, aim.tolerance, path, left or pool)
     if course.wanted is not None:
         return Outlook(poses, accuracy, foretold, course.wanted)
-    ending, why = _ending(aim, known, accuracy, foretold)
+    ending, why = _ending(aim, known, accuracy, foretold, poses)
     limit = most if most is not None else aim.planned * (1 if aim.tolerance is None else 2)
     if not ending and (
         poses >= limit
@@ -78,6 +77,10 @@ def outlook(
     ):
         ending = "used up"
         why = "every pose of the plan was read" if aim.tolerance is None else _used_up(foretold, poses)
+    anchor = course.anchor
+    if ending == "reached" and anchor is not None and course.unproved:  # it is not, if something has moved meanwhile
+        last = Wanted(anchor.pose, "check", anchor.number, anchor.number + 1)
+        return Outlook(poses, accuracy, foretold, last)
     if ending:
         return Outlook(poses, accuracy, foretold, None, ending, why)
     return Outlook(poses, accuracy, foretold, Wanted(aim.names[_next(there, left, pool, order)]))
@@ -96,9 +99,9 @@ def _used_up(foretold: Forecast | None, poses: int) -> str:
 
 
 def _ending(
-    aim: Aim, known: Estimate | None, accuracy: Accuracy | None, foretold: Forecast | None
+    aim: Aim, known: Estimate | None, accuracy: Accuracy | None, foretold: Forecast | None, poses: int
 ) -> tuple[Ending | None, str]:
-    """Whether it is enough, or will never be."""
+    """Whether it is enough, or will never be: that is not said before robot and noise are known well."""
     if aim.tolerance is None or known is None or accuracy is None or foretold is None:
         return None, ""
     asked = f"{number(aim.tolerance)} mm"
@@ -113,7 +116,9 @@ def _ending(
         return "reached", (
             f"the rms error over the region is below {asked} with 95 % probability ({number(accuracy.sure)} mm)"
         )
-    if foretold.poses is None and known.fit.dof >= _TOLD:
+    if foretold.poses is None and known.fit.dof >= len(
+        aim.parameters
+    ):  # before that neither noise nor robot are known well
         if foretold.floor >= aim.tolerance:
             return "impossible", (
                 f"{asked} cannot be kept: {number(foretold.floor)} mm come from directions that no pose of this plan "

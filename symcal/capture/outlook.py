@@ -116,9 +116,7 @@ def _ending(
         return "reached", (
             f"the rms error over the region is below {asked} with 95 % probability ({number(accuracy.sure)} mm)"
         )
-    if foretold.poses is None and known.fit.dof >= len(
-        aim.parameters
-    ):  # before that neither noise nor robot are known well
+    if foretold.poses is None and known.fit.dof >= len(aim.parameters) and 2 * poses >= aim.planned:
         if foretold.floor >= aim.tolerance:
             return "impossible", (
                 f"{asked} cannot be kept: {number(foretold.floor)} mm come from directions that no pose of this plan "

@@ -20,6 +20,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from difflib import unified_diff
 from pathlib import Path
 
 import numpy as np
@@ -141,7 +142,7 @@ def main(kills: int) -> None:
             out = Path(scratch) / "killed"
             shutil.rmtree(out, ignore_errors=True)
             table, more = disturbed(plan, aim, out, kills - count, rng)
-            assert table == whole, "the table is another one"
+            assert table == whole, "\n".join(unified_diff(*(text.decode().splitlines() for text in (whole, table))))
             count, rounds = count + more, rounds + 1
         print(f"{count} kills in {rounds} captures of {whole.count(b'P,')} readings: every table is that without kills")
 

@@ -1,7 +1,8 @@
 """What happened in a capture, line by line: a file that is only ever appended to, and that any moment may interrupt.
 
-Each line is one event as JSON, on the disk before anything follows from it. A line that a crash has cut off was never
-acknowledged and is taken away when the journal is opened again; everything before it holds.
+Each line is one event as JSON, or a list of those that only hold together, on the disk before anything follows from it.
+A line that a crash has cut off was never acknowledged and is taken away when the journal is opened again; everything
+before it holds.
 """
 
 from __future__ import annotations
@@ -30,13 +31,14 @@ class Journal:
         self.events = events
         self._descriptor = descriptor
 
-    def add(self, event: Event) -> None:
-        """Append an event; it is on the disk when this returns.
+    def add(self, *events: Event) -> None:
+        """Append events that hold together; they are on the disk when this returns.
 
         Raises:
             InputError: the disk is full, or the file cannot be written.
         """
-        line = json.dumps(event, ensure_ascii=False, allow_nan=False).encode() + b"\n"
+        content = events[0] if len(events) == 1 else events
+        line = json.dumps(content, ensure_ascii=False, allow_nan=False).encode() + b"\n"
         try:
             rest = memoryview(line)
             while rest:
@@ -44,7 +46,7 @@ class Journal:
             flush(self._descriptor)
         except OSError as error:
             raise InputError(f"the journal cannot be written: {error.strerror}", file=self.path) from None
-        self.events.append(event)
+        self.events.extend(events)
 
 
 @contextmanager
@@ -80,12 +82,14 @@ def _read(path: Path, descriptor: int) -> list[Event]:
     events: list[Event] = []
     for number, line in enumerate(content[:whole].splitlines(), start=1):
         try:
-            event = json.loads(line)
+            told = json.loads(line)
         except ValueError:
-            event = None
-        if not isinstance(event, dict) or "event" not in event:
-            raise InputError("this line is no event of a capture: the file was changed by hand", file=path, line=number)
-        events.append(event)
+            told = None
+        for event in told if isinstance(told, list) else [told]:
+            if not isinstance(event, dict) or "event" not in event:
+                message = "this line is no event of a capture: the file was changed by hand"
+                raise InputError(message, file=path, line=number)
+            events.append(event)
     if events and events[0].get("schema") != SCHEMA:
         raise InputError(
             "this journal is of another version", file=path, line=1, found=events[0].get("schema"), allowed=(SCHEMA,)

@@ -41,16 +41,26 @@ class Session:
     course: Course = field(default_factory=Course)
 
     def add(self, *events: Event) -> None:
-        """Keep events: they are on the disk when this returns, and the table is as they say.
+        """Keep events that hold together: they are on the disk when this returns, and the table is as they say.
 
         Raises:
             InputError: the disk is full, or a file cannot be written.
         """
+        if not events:
+            return
+        self.journal.add(*events)
         for event in events:
-            self.journal.add(event)
             self.course = self.course.after(event)
-        if events and self.course.readings:
-            readings = self.course.readings
+        self.write()
+
+    def write(self) -> None:
+        """Write the table as the journal has it; nothing where nothing was read.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        readings = self.course.readings
+        if readings:
             head = [f"pose {each.pose}: {each.why}" for each in readings if each.why]
             save_measurements(dataset(self.aim, readings), self.aim.experiment.robot, self.folder / MEASUREMENTS, head)
 
@@ -101,7 +111,7 @@ def opened_session(folder: Path, aim: Aim) -> Iterator[Session]:
                 )
         session = Session(folder, aim, journal, course_of(journal.events))
         write_document(folder / EXPERIMENT, _experiment(aim, folder))
-        session.add()
+        session.write()  # which a killed capture may not have come to
         yield session
 
 

@@ -148,7 +148,7 @@ def test_a_model_that_lacks_something_promises_nothing(aim: Aim, sixteen: Course
     known = estimate(aim, dataset(aim, course.taken))
     assert known is not None
     assert known.misfit is not None
-    end = outlook(aim, course, known)
+    end = outlook(replace(aim, planned=32), course, known)
     assert end.ending == "impossible"
     assert "beyond the noise that is stated" in end.why
 

@@ -117,7 +117,8 @@ def odd_among(aim: Aim, known: Estimate, readings: Sequence[Reading]) -> tuple[R
 
 
 def off_by_now(aim: Aim, known: Estimate, readings: Sequence[Reading]) -> tuple[Reading, ...]:
-    """Readings that counted and that the others, now that there are more, do not foretell; the worst first.
+    """Readings that counted and that the others, now that there are more, do not foretell; the worst first. Where all
+    together are more than the noise, also the one without which they are not.
 
     Each is left out of the linearised fit: r^T (1 - H)^-1 r, as of `symcal.fit.deletion`.
 
@@ -126,16 +127,19 @@ def off_by_now(aim: Aim, known: Estimate, readings: Sequence[Reading]) -> tuple[
     """
     if known.fit.dof < 1:
         return ()
-    white, slopes = whitened_rows(aim, known)
+    # at the noise as it is stated: a slip that counts makes the residuals of all larger
+    white, slopes = whitened_rows(aim, known, known.fit.sigmas)
+    covariance = known.fit.posterior.covariance / np.outer(aim.scales, aim.scales)
     found = []
     for reading, r, own in zip(readings, white, slopes, strict=True):
         seen = own.any(axis=1)
-        left = np.eye(int(seen.sum())) - own[seen] @ known.covariance @ own[seen].T
+        left = np.eye(int(seen.sum())) - own[seen] @ covariance @ own[seen].T
         square = float(r[seen] @ np.linalg.solve(left, r[seen]))
-        p = chance(square, len(left))
-        if p < ODD / len(readings):
-            found.append((p, reading))
-    return tuple(reading for _, reading in sorted(found, key=lambda each: each[0]))
+        rest = max(known.fit.chi_squared - square, 0.0)
+        alone = known.misfit is not None and chance(rest, max(known.fit.dof - len(left), 1.0)) >= _LIKELY
+        if chance(square, len(left)) < ODD / len(readings) or alone:
+            found.append((square, reading))
+    return tuple(reading for _, reading in sorted(found, key=lambda each: -each[0]))
 
 
 def _stale(reading: Reading, others: Sequence[Reading]) -> str:

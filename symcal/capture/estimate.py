@@ -204,7 +204,7 @@ def foreseen(aim: Aim, known: Estimate, data: Dataset) -> Foreseen:
     return Foreseen(r[0][read], slopes @ known.covariance @ slopes.T + np.diag(sigma[read] ** 2), sigma[read])
 
 
-def chance(square: float, count: int) -> float:
+def chance(square: float, count: float) -> float:
     """Probability that a good reading is so far off.
 
     Args:
@@ -213,11 +213,11 @@ def chance(square: float, count: int) -> float:
     return float(scipy.special.chdtrc(count, square))
 
 
-def whitened_rows(aim: Aim, known: Estimate) -> tuple[Array, Array]:
-    """Residuals of the readings of an estimate over the noise, shape (N, m), and their slopes by the scaled parameters,
-    shape (N, m, p); zero where nothing was read."""
+def whitened_rows(aim: Aim, known: Estimate, noise: Mapping[str, float]) -> tuple[Array, Array]:
+    """Residuals of the readings of an estimate over a noise by group, shape (N, m), and their slopes by the scaled
+    parameters, shape (N, m, p); zero where nothing was read."""
     rows = rows_of(aim.model.measurement, known.data, known.setup, aim.model.residuals)
     r, jacobian = rows(known.fit.x)
-    inverse = np.where(rows.seen, 1 / known_sigma(rows, known.noise), 0.0)
+    inverse = np.where(rows.seen, 1 / known_sigma(rows, noise), 0.0)
     index = aim.model.parameters.indices(aim.parameters)
     return r * inverse, jacobian[:, :, index] * aim.scales * inverse[:, :, None]

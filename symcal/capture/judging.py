@@ -27,7 +27,7 @@ from symcal.capture.moved import jump
 from symcal.capture.promise import ground
 from symcal.words import number
 
-TRIES = 3
+TRIES = 4
 """Readings of one pose that may all be odd and different before it is left out."""
 UNPROVED = 2
 """Readings in a row that would not tell whether something has moved, after which a known pose is read again."""
@@ -216,10 +216,16 @@ def _afterwards(aim: Aim, course: Course, known: Estimate | None) -> Iterator[Ev
     if found is not None or course.unproved >= UNPROVED:
         yield from _to_check(aim, course, known, None if found is None else course.taken[found.at].number)
         return
-    odd = off_by_now(aim, known, course.taken)
-    if odd and len(odd) <= max(_MANY * len(course.taken), 1):
+    odd = [each for each in off_by_now(aim, known, course.taken) if not _confirmed(aim, known, course, each)]
+    if odd:
         yield judged(odd[0], "held", "the others put it elsewhere")
         yield wanted("again", odd[0])
+
+
+def _confirmed(aim: Aim, known: Estimate, course: Course, reading: Reading) -> bool:
+    """Whether its pose was read again, and was the same: then it is no slip, whatever the others say."""
+    others = [each for each in course.standing("taken", "held") if each.pose == reading.pose and each is not reading]
+    return any(agree(aim, known, each, reading) for each in others)
 
 
 def judged(reading: Reading, as_: str, why: str = "", *, proof: bool = False) -> Event:

@@ -48,7 +48,7 @@ def jump(aim: Aim, known: Estimate, first: int) -> Jump | None:
     stems = dict.fromkeys(name.rpartition("_")[0] for name in aim.model.placement)
     if not starts or known.fit.dof < 1:
         return None
-    white, slopes = whitened_rows(aim, known)
+    white, slopes = whitened_rows(aim, known, known.noise)
     white = white.ravel()
     # C of the scaled parameters with what was known before: H = J C J^T
     flat = slopes.reshape(len(white), -1)

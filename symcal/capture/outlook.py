@@ -106,7 +106,8 @@ def _ending(
         return None, ""
     asked = f"{number(aim.tolerance)} mm"
     misfit = known.misfit
-    if misfit is not None and misfit.unit == "mm" and misfit.beyond > aim.tolerance:
+    sure = 2 * poses >= aim.planned
+    if sure and misfit is not None and misfit.unit == "mm" and misfit.beyond > aim.tolerance:
         return "impossible", (
             f"{asked} cannot be kept: at the poses that were measured the model leaves {number(misfit.beyond)} mm rms "
             "and more beyond the noise that is stated, and more poses do not take that away. It is the model (play, "
@@ -116,7 +117,7 @@ def _ending(
         return "reached", (
             f"the rms error over the region is below {asked} with 95 % probability ({number(accuracy.sure)} mm)"
         )
-    if foretold.poses is None and known.fit.dof >= len(aim.parameters) and 2 * poses >= aim.planned:
+    if foretold.poses is None and known.fit.dof >= len(aim.parameters) and sure:
         if foretold.floor >= aim.tolerance:
             return "impossible", (
                 f"{asked} cannot be kept: {number(foretold.floor)} mm come from directions that no pose of this plan "

@@ -2,7 +2,7 @@ r"""How accurate the robot is by now, how sure that is, and which pose makes it 
 
 The rms error over the region is a quadratic form of the parameters' errors, e^2 = x^T W x with x ~ N(0, C): a weighted
 sum of squares of independent normal numbers, the weights being the eigenvalues of C^1/2 W C^1/2. Its 95 % quantile, not
-its mean, is what is promised: the mean is exceeded in two of five cases.
+its mean, is what is promised: the mean is exceeded in some two of five cases.
 
 A pose with whitened rows F leaves C - C F^T (1 + F C F^T)^-1 F C, whatever is read there: the best pose is the one that
 takes most off tr(W C), and poses to come can be counted before they are measured. W and F are taken at the estimate:

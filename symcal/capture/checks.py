@@ -127,9 +127,10 @@ def off_by_now(aim: Aim, known: Estimate, readings: Sequence[Reading]) -> tuple[
     """
     if known.fit.dof < 1:
         return ()
-    # at the noise as it is stated: a slip that counts makes the residuals of all larger
-    white, slopes = whitened_rows(aim, known, known.fit.sigmas)
-    covariance = known.fit.posterior.covariance / np.outer(aim.scales, aim.scales)
+    noise, covariance = known.noise, known.covariance
+    if known.misfit is not None:  # at the noise as it is stated: a slip that counts makes the residuals of all larger
+        noise, covariance = known.fit.sigmas, known.fit.posterior.covariance / np.outer(aim.scales, aim.scales)
+    white, slopes = whitened_rows(aim, known, noise)
     found = []
     for reading, r, own in zip(readings, white, slopes, strict=True):
         seen = own.any(axis=1)

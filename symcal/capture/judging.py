@@ -206,7 +206,11 @@ def _all_together(aim: Aim, course: Course, reading: Reading, last: Estimate | N
 
 
 def _afterwards(aim: Aim, course: Course, known: Estimate | None) -> Iterator[Event]:
-    """What the new estimate says of readings that were taken before, and whether it is time to look if all stands."""
+    """What the new estimate says of readings that were taken before, and whether it is time to look if all stands; no
+    more of it once there are more such readings than poses."""
+    again = sum(each.of.asked != "pose" for each in course.readings if each.number > course.begun)
+    if again > len({each.pose for each in course.taken}):
+        return
     if known is None:
         if course.unproved >= UNPROVED:
             yield from _to_check(aim, course, known)

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import json
+import os
 import socket
 import threading
 from dataclasses import asdict, replace
@@ -22,6 +23,7 @@ from symcal.calibration.simulate import simulate
 from symcal.capture.aim import Aim, aim_of
 from symcal.capture.course import Course, Reading, Wanted, course_of
 from symcal.capture.estimate import dataset, estimate
+from symcal.capture.instruments import way_to
 from symcal.capture.journal import JOURNAL, SCHEMA, opened
 from symcal.capture.judging import judge
 from symcal.capture.lines import Missed, Read, Request, Stop, Strike, answer, asked, greeting, request_line
@@ -423,6 +425,40 @@ def test_a_server_that_goes_away_comes_back(plan: Path, aim: Aim, there: Simulat
     table = pd.read_csv("session/measurements.csv", comment="#")
     assert len(table) == 7
     assert table["pose"].is_unique
+
+
+def test_a_serial_port_is_spoken_to_line_by_line(aim: Aim) -> None:
+    """A pseudo-terminal: who answers has said no more than a line when the next request is due."""
+    pytest.importorskip("serial")
+    tty = pytest.importorskip("tty")
+    theirs, ours = os.openpty()
+    tty.setraw(ours)
+    heard: list[str] = []
+
+    def serve() -> None:
+        waiting = b""
+        while len(heard) < 3:
+            waiting += os.read(theirs, 64)
+            *lines, waiting = waiting.split(b"\n")
+            for line in lines:
+                heard.append(line.decode())
+                request = asked(aim, heard[-1])
+                if request is not None:
+                    os.write(theirs, f"{request.number}.5 2 3\n".encode())
+
+    thread = threading.Thread(target=serve, daemon=True)
+    thread.start()
+    with way_to(f"serial:{os.ttyname(ours)}:115200", aim) as way:
+        for number in (1, 2):
+            found = way.ask(Request(number, Wanted(f"pose {number}"), aim.poses[0], np.zeros(6)))
+            assert isinstance(found, Read)
+            assert found.z.tolist() == [number + 0.5, 2, 3]
+    thread.join(timeout=10)
+    assert [line.split()[0] for line in heard] == ["CAPTURE", "MEASURE", "MEASURE"]
+    os.close(ours)
+    os.close(theirs)
+    with pytest.raises(InputError, match="the port cannot be opened"), way_to("serial:/dev/nothing:9600", aim):
+        pass
 
 
 @pytest.mark.long

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import socket
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Protocol
+from typing import IO, Any, Protocol
 
 from symcal.capture.aim import Aim
 from symcal.capture.lines import Answer, Missed, Read, Request, Stop, answer, columns, greeting, request_line
@@ -220,6 +221,21 @@ def _host(address: str, text: str) -> tuple[str, int]:
     return host.strip("[]"), int(port)
 
 
+class _Arrived(io.RawIOBase):
+    """What has come through a port, at least a byte: its own reads wait until all that a buffer could hold is there."""
+
+    def __init__(self, port: Any) -> None:
+        self._port = port
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        came = self._port.read(max(1, min(len(buffer), self._port.in_waiting)))
+        buffer[: len(came)] = came
+        return len(came)
+
+
 class _Serial:
     """A serial port; needs pyserial."""
 
@@ -238,9 +254,7 @@ class _Serial:
             raise InputError(f"the port cannot be opened: {error}", key="--instrument", found=address) from None
 
     def open(self) -> tuple[IO[str], IO[str]]:
-        import io
-
-        reads = io.TextIOWrapper(io.BufferedReader(self._port), encoding="utf-8", newline="\n")
+        reads = io.TextIOWrapper(io.BufferedReader(_Arrived(self._port)), encoding="utf-8", newline="\n")
         writes = io.TextIOWrapper(io.BufferedWriter(self._port), encoding="utf-8", newline="\n")
         return reads, writes
 

@@ -1,11 +1,13 @@
 """Checks of simulated robots in service: how often `symcal watch` raises a false alarm, and what it finds and names.
 
-    python tests/watch_draws.py [runs] [mm off the last axis] [poses]      long form of test_watch.py: 500, 60 mm, 10
+    python tests/watch_draws.py [runs] [mm off the last axis] [poses] [random or planned]
+
+is the long form of test_watch.py: 500 runs, 60 mm, 10 poses of the check, calibrated by 40 random ones.
 
 Every run draws a UR5e with its own errors (1 mm, 0.3 deg) and tracker (0.05 mm, base and point unknown: the first files
-of `symcal init --arm ur5e --instrument tracker`), calibrates it by 40 random poses, plans the poses of a check by that
-calibration, and measures them with something changed. Everything is done as the commands do it, from the calibrated
-robot alone; the truth is known to the simulation only.
+of `symcal init --arm ur5e --instrument tracker`), calibrates it by 40 poses, random ones or those of
+their plan, plans the poses of a check by that calibration, and measures them with something changed. Everything is done
+as the commands do it, from the calibrated robot alone; the truth is known to the simulation only.
 """
 
 # ruff: noqa: T201
@@ -39,6 +41,7 @@ from symcal.planning.plan_problem import plan_problem
 from symcal.planning.sampling import feasible_poses
 from symcal.robot.robot import Robot
 from symcal.runs.load import load
+from symcal.runs.plan import plan_experiment
 from symcal.watch.check import Check, check
 from symcal.watch.plan import plan_check
 from symcal.watch.reference import Reference, reference_of
@@ -67,11 +70,15 @@ CASES: dict[str, tuple[bool, dict[str, float]]] = {
 
 @dataclass(frozen=True)
 class Cell:
-    """The first files of the UR5e: model, where poses may be, and poses that can be measured, shape (K, dof)."""
+    """The first files of the UR5e: model, where poses may be, and poses that can be measured, shape (K, dof).
+
+    planned: the poses of their own plan, by which every robot is calibrated; by random ones when None.
+    """
 
     model: Model
     area: WorkingArea
     pool: np.ndarray
+    planned: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -85,8 +92,8 @@ class Service:
     base: np.ndarray
 
 
-def cell(off_axis: float = 60.0) -> Cell:
-    """Args: off_axis: of the point from the last axis, mm."""
+def cell(off_axis: float = 60.0, *, planned: bool = False) -> Cell:
+    """Args: off_axis: of the point from the last axis, mm. planned: whether robots are calibrated by a plan's poses."""
     with tempfile.TemporaryDirectory() as folder:
         write_first_files(of_arm("ur5e"), draft_named("tracker"), Path(folder))
         path = Path(folder) / "experiment.yaml"
@@ -96,7 +103,9 @@ def cell(off_axis: float = 60.0) -> Cell:
         found = load(path)
         rng = np.random.default_rng(0)
         problem = plan_problem(found.file, found.document, found.model, rng)
-        return Cell(found.model, problem.area, feasible_poses(rng, problem.area, problem.measuring, 4000, snap=0.4))
+        pool = feasible_poses(rng, problem.area, problem.measuring, 4000, snap=0.4)
+        poses = plan_experiment(found).findings.planned.plan.poses if planned else None
+        return Cell(found.model, problem.area, pool, poses)
 
 
 def measured(cell: Cell, truth: dict[str, float], base: np.ndarray, q: np.ndarray, rng: np.random.Generator) -> Dataset:
@@ -105,13 +114,14 @@ def measured(cell: Cell, truth: dict[str, float], base: np.ndarray, q: np.ndarra
 
 
 def in_service(cell: Cell, seed: int, poses: int = POSES, pool: int = 300) -> Service:
-    """A robot, its calibration by 40 random poses, and the poses of its check."""
+    """A robot, its calibration by 40 poses, and the poses of its check."""
     rng = np.random.default_rng([seed, 18])
     links = cell.model.robot.parameters
     truth = {p.name: float(rng.normal() * SIZES[p.unit]) for p in cell.model.parameters.items if p.name in links}
     truth |= {name: float(rng.normal()) for name in cell.model.parameters.names if name.startswith("reflector")}
     base = random_frame(rng, 1000.0)
-    q = cell.pool[rng.choice(len(cell.pool), 40, replace=False)]
+    random = cell.pool[rng.choice(len(cell.pool), 40, replace=False)]
+    q = random if cell.planned is None else cell.planned
     robot = calibrate(cell.model, None, measured(cell, truth, base, q, rng), Options()).robot
     reference = referred(robot)
     some = cell.pool[rng.choice(len(cell.pool), pool, replace=False)]
@@ -173,9 +183,9 @@ def checks(
                 )
 
 
-def main(runs: int, off_axis: float, poses: int) -> None:
+def main(runs: int, off_axis: float, poses: int, calibrated_by: str) -> None:
     found: dict[str, list[Check]] = defaultdict(list)
-    for name, each in checks(cell(off_axis), range(runs), CASES, poses):
+    for name, each in checks(cell(off_axis, planned=calibrated_by == "planned"), range(runs), CASES, poses):
         found[name].append(each)
     print(
         f"{runs} runs, alpha {ALPHA}, point {off_axis:g} mm off the last axis; share of runs with an alarm, and names"
@@ -204,5 +214,5 @@ def shares(counts: Counter[str], runs: int) -> str:
 
 
 if __name__ == "__main__":
-    runs, off_axis, poses = [*map(float, sys.argv[1:]), *(500, 60.0, POSES)[len(sys.argv) - 1 :]]
-    main(int(runs), off_axis, int(poses))
+    runs, off_axis, poses, calibrated_by = [*sys.argv[1:], *("500", "60", str(POSES), "random")[len(sys.argv) - 1 :]]
+    main(int(runs), float(off_axis), int(poses), calibrated_by)

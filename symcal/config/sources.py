@@ -149,6 +149,8 @@ def sessions_of(name: str, entry: ObservationConfig, document: Document) -> tupl
         raise document.error(message, key)
     if not isinstance(entry.data, FileData):
         message = "'per: session' takes the sessions from a file of measurements with 'source: file'"
+        if entry.data.source == "images":
+            message += ": measure the images first"
         raise document.error(message, key, found=entry.data.source)
     table = layout_of(entry.data).table(files_of(entry.data, document, key))
     if "session" not in table.columns:

@@ -13,11 +13,13 @@ from symcal.doctor.finding import Finding
 if TYPE_CHECKING:
     from packaging.requirements import Requirement
 
-MODULES = {"opencv-python-headless": "cv2", "pyyaml": "yaml"}
+MODULES = {"opencv-python-headless": "cv2", "pyyaml": "yaml", "python-calamine": "python_calamine"}
 """What is imported, where it is called otherwise than its package."""
 
 USES = {
     "fast": "a C compiler",
+    "proof": "what leaves is read back by another program",
+    "serial": "instruments at a serial port",
     "ros": "ROS 2 bags as measurements",
     "cluster": "studies on a Dask cluster, tables as Parquet",
     "bench": "other programs beside symcal in `symcal bench`",

@@ -105,11 +105,12 @@ def ur_poses(folder: Path, q: Array, tcp: Array) -> Array:
 
 
 def tcp_text(tcp: Array) -> str | None:
-    """What the TCP must be for the tool to be where the model says; None where it is the flange."""
-    if np.allclose(tcp, np.eye(4), atol=_EXACT):
+    """What the TCP must be for the tool to be where the model says; None where it is the flange, to its last digit."""
+    place, turned = np.round(tcp[:3, 3], 6) + 0.0, np.round(spatial.matrix_vectors(tcp[:3, :3]), 8) + 0.0
+    if not place.any() and not turned.any():
         return None
-    xyz = ", ".join(f"{v:.6f}" for v in tcp[:3, 3])
-    turn = ", ".join(f"{v:.8f}" for v in spatial.matrix_vectors(tcp[:3, :3]))
+    xyz = ", ".join(f"{v:.6f}" for v in place)
+    turn = ", ".join(f"{v:.8f}" for v in turned)
     return f"the six frames end at the flange; the tool is there with the TCP ({xyz}) mm, rotation vector ({turn}) rad"
 
 

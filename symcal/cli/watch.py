@@ -22,7 +22,7 @@ def watch(
     plan: Annotated[bool, typer.Option("--plan", help="choose the poses of a check instead")] = False,
     poses: Annotated[int, typer.Option("--poses", min=1, help="of a plan")] = 8,
     moved: Annotated[bool, typer.Option("--moved", help="the instrument was set up anew")] = False,
-    alpha: Annotated[float, typer.Option("--alpha", help="share of good checks that raise a false alarm")] = 0.01,
+    alpha: Annotated[float, typer.Option("--alpha", help="share of good checks that raise a false alarm")] = 0.05,
     offset: Annotated[
         str, typer.Option("--offset", metavar="0.5mrad,0.1mm", help="of a joint, that is to be found")
     ] = "0.5mrad,0.1mm",

@@ -41,7 +41,7 @@ Progress = Callable[[str], None]
 OFFSET = "0.5mrad,0.1mm"
 """Offsets of joints that a check is to find, unless others are wanted."""
 POSES = 8
-ALPHA = 0.01
+ALPHA = 0.05
 
 _RESOLVED = "experiment.resolved.yaml"
 _SNAP = 0.4  # of coordinates at the border of the area, as in plans

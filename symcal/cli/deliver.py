@@ -46,7 +46,6 @@ def compensate(
     from symcal.errors import InputError
     from symcal.export.carries import left_out
     from symcal.outputs.whole_file import place_of
-    from symcal.robot.files import load_robot
 
     if frame not in (None, "base", "world"):
         raise InputError("no such frame", key="--frame", found=frame, allowed=("base", "world"))
@@ -57,10 +56,7 @@ def compensate(
         _compensate_program(calibrated, program, out, frame, seed, quiet)
         return
     place = place_of(out, "joints.csv", (calibrated, targets))
-    robot = load_robot(calibrated)
-    if robot.record is None:
-        message = "this robot has no 'calibration', so there is nothing to correct: give the calibrated.yaml of a run"
-        raise InputError(message, file=calibrated)
+    robot = _to_correct_by(calibrated)
     with terminal.spinner(quiet) as progress:
         progress("compensating")
         result = solve(
@@ -79,6 +75,17 @@ def compensate(
         terminal.output().print(f"written to {escape(str(place))}")
 
 
+def _to_correct_by(calibrated: Path) -> Robot:
+    from symcal.errors import InputError
+    from symcal.robot.files import load_robot
+
+    robot = load_robot(calibrated)
+    if robot.record is None:
+        message = "this robot has no 'calibration', so there is nothing to correct: give the calibrated.yaml of a run"
+        raise InputError(message, file=calibrated)
+    return robot
+
+
 def _compensate_program(
     calibrated: Path, program: Path, out: Path | None, frame: str | None, seed: int | None, quiet: bool
 ) -> None:
@@ -90,17 +97,13 @@ def _compensate_program(
     from symcal.errors import InputError
     from symcal.outputs.whole_file import place_of, write_whole
     from symcal.programs.correct import correct_program
-    from symcal.robot.files import load_robot
 
     if frame == "world":
         raise InputError(
             "frames of a program are in the robot's base frame", key="--frame", found=frame, allowed=["base"]
         )
     place = place_of(out, f"{program.stem}_corrected{program.suffix}", (calibrated, program))
-    robot = load_robot(calibrated)
-    if robot.record is None:
-        message = "this robot has no 'calibration', so there is nothing to correct: give the calibrated.yaml of a run"
-        raise InputError(message, file=calibrated)
+    robot = _to_correct_by(calibrated)
     with terminal.spinner(quiet) as progress:
         progress("compensating")
         found = correct_program(program, robot, np.random.default_rng(seed or 0), frames=frame == "base")

@@ -62,6 +62,12 @@ def tool_pose(robot: Robot) -> ca.Function:
     return function("tool_pose", {"q": model.q}, {"pose": ca.substitute(model.tool, model.frames, base_frames(robot))})
 
 
+def tool_poses(robot: Robot, joints: Array) -> Array:
+    """T_base_tool of a few readings, shape (n, dof) -> (n, 4, 4), mm; nothing is compiled for them."""
+    pose = tool_pose(robot)
+    return np.array([np.asarray(pose(q)) for q in joints])
+
+
 def commanded(robot: Robot, joints: Array) -> Targets:
     """The poses to which joints commanded for the nominal robot were meant to bring the tool.
 

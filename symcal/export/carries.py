@@ -18,15 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symcal.compensation.caps import moved_by_terms
-from symcal.compensation.compensate import LEVER
 from symcal.compensation.targets import base_frames
 from symcal.errors import RefusedError
+from symcal.export.joint_zeros import least_zeros, shifted, slopes_of_zeros
 from symcal.export.largest import POSTURES, Largest, largest_difference
 from symcal.joints import Term
 from symcal.joints.payload import PAYLOAD
-from symcal.kernels.batch import batch_function
-from symcal.kinematics import chain, forward, frame_vector
-from symcal.parameters import SCALE, ParameterSet
+from symcal.kinematics import chain
+from symcal.parameters import ParameterSet
 from symcal.robot.robot import Robot
 from symcal.words import listed
 
@@ -164,15 +163,11 @@ def _refitted(
     """The robot without terms, with joint zeros that make up for them if that makes the largest distance smaller."""
     true, q, v = symbols
     shifts = _zeros(robot, bare)
-    links = tuple(
-        replace(link, joint=replace(link.joint, offset=link.joint.offset + float(shift)))
-        for link, shift in zip(bare.links, shifts, strict=True)
-    )
-    shifted = replace(bare, links=links)
-    after = largest_difference(true, _pose(shifted, q, {}), v, *box)
+    refitted = shifted(bare, shifts)
+    after = largest_difference(true, _pose(refitted, q, {}), v, *box)
     if not after.mm < worst.mm:
         return bare, worst, {}
-    return shifted, after, {j.name: float(s) for j, s in zip(robot.joints, shifts, strict=True) if s != 0}
+    return refitted, after, {j.name: float(s) for j, s in zip(robot.joints, shifts, strict=True) if s != 0}
 
 
 def _zeros(robot: Robot, bare: Robot) -> Array:
@@ -183,13 +178,8 @@ def _zeros(robot: Robot, bare: Robot) -> Array:
     rng = np.random.default_rng(0)
     postures = rng.uniform(*robot.ranges, (_REFIT, robot.dof))
     moved = moved_by_terms(robot, {name: p.value for name, p in robot.term_parameters.items()}, postures)
-    kernel = batch_function(forward(chain(bare, ParameterSet(()))), evaluations=_REFIT)
-    slopes = kernel(postures, np.zeros(0), frame_vector(np.eye(4), bare.tool))[1]
-    rates = np.array([joint.sign * joint.ratio for joint in robot.joints])
-    slopes = slopes / rates * np.array([1.0] * 3 + [LEVER] * 3)[:, None]
-    sizes = np.array([SCALE["rad" if joint.revolute else "mm"] for joint in robot.joints])
-    rows, wanted = (slopes * sizes).reshape(-1, robot.dof), np.einsum("nij,nj->ni", slopes, moved).ravel()
-    return np.asarray(np.linalg.lstsq(rows, wanted, rcond=1e-10)[0] * sizes)
+    _, slopes = slopes_of_zeros(bare, postures)
+    return least_zeros(bare, slopes, np.einsum("nij,nj->ni", slopes, moved))
 
 
 def _sides(terms: list[Term]) -> tuple[str, ...]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,14 +16,10 @@ import yaml
 from numpy.typing import NDArray
 
 from symcal import spatial
-from symcal.compensation.compensate import LEVER
-from symcal.compensation.targets import base_frames
 from symcal.errors import RefusedError
+from symcal.export.joint_zeros import WEIGHTS, least_zeros, shifted, slopes_of_zeros
 from symcal.export.urdf import urdf_poses, urdf_text
-from symcal.kernels.batch import batch_function
-from symcal.kinematics import chain, forward
 from symcal.outputs.csv_text import csv_text
-from symcal.parameters import SCALE, ParameterSet
 from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -74,15 +69,12 @@ def joint_offsets(robot: Robot) -> JointOffsets:
     fitted, judged = (rng.uniform(*robot.ranges, (_POSTURES, robot.dof)) for _ in range(2))
     nominal = replace(robot.nominal(), base=robot.base, tool=robot.tool, terms=())
     rates = np.array([joint.sign * joint.ratio for joint in robot.joints])
-    sizes = np.array([SCALE["rad" if joint.revolute else "mm"] for joint in robot.joints])
-    shifts, wanted = np.zeros(robot.dof), _poses(robot, fitted)[0]
+    shifts, wanted = np.zeros(robot.dof), slopes_of_zeros(robot, fitted)[0]
     for _ in range(_STEPS):
-        poses, slopes = _poses(_shifted(nominal, shifts), fitted)
-        rows = slopes / rates * np.array([1.0] * 3 + [LEVER] * 3)[:, None] * sizes
-        off = _differences(wanted, poses) * np.array([1.0] * 3 + [LEVER] * 3)
-        shifts = shifts + sizes * np.linalg.lstsq(rows.reshape(-1, robot.dof), off.ravel(), rcond=1e-10)[0]
-    found, calibrated = _shifted(nominal, shifts), _poses(robot, judged)[0]
-    before, after = (_differences(calibrated, _poses(each, judged)[0]) for each in (nominal, found))
+        poses, slopes = slopes_of_zeros(shifted(nominal, shifts), fitted)
+        shifts = shifts + least_zeros(nominal, slopes, _differences(wanted, poses) * WEIGHTS)
+    found, calibrated = shifted(nominal, shifts), slopes_of_zeros(robot, judged)[0]
+    before, after = (_differences(calibrated, slopes_of_zeros(each, judged)[0]) for each in (nominal, found))
     (nominal_mm, nominal_deg), (offsets_mm, offsets_deg) = (_sizes(each) for each in (before, after))
     largest = float(np.linalg.norm(after[:, :3], axis=1).max())
     return JointOffsets(found, shifts / rates, nominal_mm, offsets_mm, largest, nominal_deg, offsets_deg)
@@ -137,21 +129,6 @@ def _without_gears(robot: Robot) -> Robot:
     ]
     links = tuple(replace(link, joint=joint) for link, joint in zip(robot.links, joints, strict=True))
     return replace(robot, links=links)
-
-
-def _shifted(robot: Robot, shifts: Sequence[float] | Array) -> Robot:
-    links = tuple(
-        replace(link, joint=replace(link.joint, offset=link.joint.offset + float(shift)))
-        for link, shift in zip(robot.links, shifts, strict=True)
-    )
-    return replace(robot, links=links)
-
-
-def _poses(robot: Robot, q: Array) -> tuple[Array, Array]:
-    """T_base_tool, shape (n, 4, 4), and its Jacobian by the readings, (n, 6, dof)."""
-    kernel = batch_function(forward(chain(robot, ParameterSet(()))), evaluations=len(q))
-    poses, slopes = kernel(q, np.zeros(0), np.asarray(base_frames(robot)).ravel())[:2]
-    return np.asarray(poses), np.asarray(slopes)
 
 
 def _differences(wanted: Array, poses: Array) -> Array:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from symcal.compensation.targets import tool_pose
+from symcal.compensation.targets import tool_poses
 from symcal.errors import RefusedError
 from symcal.robot.robot import Robot
 
@@ -64,8 +64,7 @@ def proof(robot: Robot, files: Mapping[str, str], read: Read, readers: tuple[str
             return Proof(None, missing=name)
     lower, upper = robot.ranges
     q = np.random.default_rng(0).uniform(lower, upper, (POSES, robot.dof))
-    pose = tool_pose(robot)
-    ours = np.array([np.asarray(pose(each)) for each in q])
+    ours = tool_poses(robot, q)
     with TemporaryDirectory(prefix="symcal-proof-") as name:
         folder = Path(name)
         for file, text in files.items():

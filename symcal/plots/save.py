@@ -47,7 +47,7 @@ def save_figures(illustrations: Iterable[Illustration], folder: Path | str) -> t
 def draw(
     drawings: Sequence[Drawing],
     folder: Path | str,
-    report: Callable[[Sequence[Picture]], None] = lambda _: None,
+    report: Callable[[Sequence[Picture]], None] | None = None,
 ) -> tuple[Picture, ...]:
     """Draw figures and write them, into a folder that is made if there is none; two at a time where there are two cores
     (`symcal.outputs.side_by_side`).
@@ -62,9 +62,10 @@ def draw(
     drawn = [one for some in side_by_side([partial(_drawn, each, folder) for each in drawings]) for one in some]
     write_all_whole({picture.file: vectors for picture, vectors in drawn})
     with ThreadPoolExecutor(1) as aside:
-        written = aside.submit(report, [picture for picture, _ in drawn])
+        written = None if report is None else aside.submit(report, [picture for picture, _ in drawn])
         write_all_whole(_with_pixels(drawn))
-        written.result()
+        if written is not None:
+            written.result()
     return tuple(picture for picture, _ in drawn)
 
 

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from symcal import spatial
 from symcal.compensation.compensate import Compensation, compensate
-from symcal.compensation.targets import POSE_JOINTS, commanded, tool_pose, wanted
+from symcal.compensation.targets import POSE_JOINTS, commanded, tool_poses, wanted
 from symcal.errors import InputError
 from symcal.programs.grammars import GRAMMARS, SUFFIXES
-from symcal.programs.literals import Left, Literal, find_literals
+from symcal.programs.literals import Left, Literal, find_literals, line_of
 from symcal.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -72,7 +72,7 @@ def correct_program(path: Path, robot: Robot, rng: np.random.Generator, *, frame
     if not chosen:
         return Corrected(text, 0, _in_order(left), 0.0, None)
     result = compensate(robot, commanded(robot, np.array(joints)), rng)
-    poses = _nominal_poses(robot, result.joints)
+    poses = tool_poses(robot.nominal(), result.joints)
     parts, at = [], 0
     for literal, q, pose in zip(chosen, result.joints, poses, strict=True):
         values = _written(literal, language, q, pose)
@@ -86,7 +86,7 @@ def _joints(
     robot: Robot, literal: Literal, language: str, rng: np.random.Generator, frames: bool, text: str, path: Path
 ) -> Array | Left:
     """The nominal readings that a target asks for, or why it is left."""
-    line = text.count("\n", 0, literal.start) + 1
+    line = line_of(text, literal.start)
     if literal.kind == "joints":
         if not all(joint.revolute for joint in robot.joints) or robot.dof > 6:
             return Left(line, literal.text, f"{robot.name} is not an arm of up to six revolute joints")
@@ -99,9 +99,7 @@ def _joints(
                 raise InputError(message, file=path, line=line, found=f"{np.degrees(q[i]):.6g} deg")
         return np.asarray(np.clip(q, robot.lower, robot.upper))
     if not frames:
-        return Left(
-            line, literal.text, "a frame: say '--frame base' if it is one of this robot's tool in its base frame"
-        )
+        return Left(line, literal.text, _ASK)
     if robot.dof < POSE_JOINTS:
         return Left(line, literal.text, f"a frame, and {robot.name} has {robot.dof} joints")
     pose = _pose(literal, language)
@@ -110,7 +108,7 @@ def _joints(
     postures, corrected = _postures(robot, pose, literal, rng)
     if not len(postures):
         return Left(line, literal.text, "the nominal robot gets there in no posture that the target allows")
-    poses = _nominal_poses(robot, corrected)
+    poses = tool_poses(robot.nominal(), corrected)
     apart = float(np.linalg.norm(poses[:, :3, 3] - poses[0, :3, 3], axis=-1).max())
     turned = float(np.linalg.norm(spatial.matrix_vectors(poses[:, :3, :3] @ poses[0, :3, :3].T), axis=-1).max())
     if apart > _SAME_MM or turned > _SAME_RAD:
@@ -132,11 +130,6 @@ def _postures(robot: Robot, pose: Array, literal: Literal, rng: np.random.Genera
         if status != "out of reach" and fits and new:
             kept.append(i)
     return result.nominal[kept], result.joints[kept]
-
-
-def _nominal_poses(robot: Robot, joints: Array) -> Array:
-    pose = tool_pose(robot.nominal())
-    return np.array([np.asarray(pose(q)) for q in joints])
 
 
 def _pose(literal: Literal, language: str) -> Array | None:

@@ -84,20 +84,20 @@ def find_literals(text: str, grammar: Grammar) -> Found:
             key = None if name is None or not grammar.stop.match(code, name.end()) else _key(name[0], grammar)
             inline = grammar.target(code, at)
             if grammar.relative.match(motion[0]):
-                left.append(Left(_line(text, motion.start()), _said(text, code, motion.start()), "a relative motion"))
+                left.append(Left(line_of(text, motion.start()), _said(text, code, motion.start()), "a relative motion"))
             elif inline is not None:
                 literals.append(inline)
             elif key in direct:
                 direct[key] += 1
             else:
                 unknown = "not numbers, nor a name that is given numbers in this file"
-                left.append(Left(_line(text, motion.start()), _said(text, code, motion.start()), unknown))
+                left.append(Left(line_of(text, motion.start()), _said(text, code, motion.start()), unknown))
     for key, places in given.items():
         why = _why_left(code, places, direct[key], grammar)
         if why is None:
             literals.append(places[0][1])
         else:
-            left.append(Left(_line(text, places[0][1].start), places[0][1].text, why))
+            left.append(Left(line_of(text, places[0][1].start), places[0][1].text, why))
     return Found(tuple(sorted(literals, key=lambda each: each.start)), tuple(sorted(left, key=lambda each: each.line)))
 
 
@@ -137,7 +137,8 @@ def _targets(code: str, motion: re.Match[str], grammar: Grammar) -> Sequence[int
     return (at,) if comma is None else (at, comma.end())
 
 
-def _line(text: str, at: int) -> int:
+def line_of(text: str, at: int) -> int:
+    """The line of a place in a text, from 1."""
     return text.count("\n", 0, at) + 1
 
 

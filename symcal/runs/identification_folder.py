@@ -72,15 +72,11 @@ def write(outcome: Outcome, folder: Path, progress: Progress) -> Outcome:
     if not (outputs.figures or outputs.report or outputs.page):
         return outcome
     from symcal.plots.save import draw
+    from symcal.report import write_report
 
     progress("drawing, and writing the report" if outputs.report else "drawing")
-    if outputs.report:
-        from symcal.report import write_report
-
-        report = partial(write_report, outcome.content, path=folder / "report.pdf")
-        pictures = draw(_drawings(outcome), folder / "figures", report)
-    else:
-        pictures = draw(_drawings(outcome), folder / "figures")
+    report = partial(write_report, outcome.content, path=folder / "report.pdf")
+    pictures = draw(_drawings(outcome), folder / "figures", report if outputs.report else None)
     if outputs.page:
         progress("writing the page")
         _write_page(outcome, pictures, folder / "report.html")

@@ -130,15 +130,11 @@ def write(outcome: PlanOutcome, folder: Path, progress: Progress) -> None:
         return
     from symcal.plots.plan import plan_drawings
     from symcal.plots.save import draw
+    from symcal.report import write_report
 
     progress("drawing, and writing the report" if outputs.report else "drawing")
-    if outputs.report:
-        from symcal.report import write_report
-
-        report = partial(write_report, outcome.content, path=folder / "report.pdf", kind="plan")
-        pictures = draw(plan_drawings(found), folder / "figures", report)
-    else:
-        pictures = draw(plan_drawings(found), folder / "figures")
+    report = partial(write_report, outcome.content, path=folder / "report.pdf", kind="plan")
+    pictures = draw(plan_drawings(found), folder / "figures", report if outputs.report else None)
     if outputs.page:
         from symcal.page.plan import PlanShown, write_plan_page
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -145,11 +146,10 @@ def write(outcome: StudyOutcome, folder: Path, progress: Progress = lambda _: No
     from symcal.plots.handover import handover_drawings
     from symcal.plots.save import draw
 
-    progress("drawing")
-    pictures = draw((*study_drawings(study), *handover_drawings(outcome.handover)), folder / "figures")
-    if outputs.report:
-        progress("writing the report")
-        write_paper_report(outcome.content, pictures, folder / "report.pdf")
+    progress("drawing, and writing the report" if outputs.report else "drawing")
+    report = partial(write_paper_report, outcome.content, path=folder / "report.pdf")
+    drawings = (*study_drawings(study), *handover_drawings(outcome.handover))
+    pictures = draw(drawings, folder / "figures", report if outputs.report else None)
     if outputs.page:
         progress("writing the page")
         write_study_page(touched(outcome, pictures), paper_text(outcome.content), folder / "report.html")

@@ -65,9 +65,9 @@ def written(outcome: StudyOutcome, tmp_path_factory: pytest.TempPathFactory) -> 
     """The folder of the study, and the pictures that its report was given."""
     folder, given = tmp_path_factory.mktemp("paper"), []
 
-    def recorded(content: dict[str, Any], pictures: tuple[Picture, ...], file: Path) -> None:
+    def recorded(content: dict[str, Any], pictures: tuple[Picture, ...], path: Path) -> None:
         given.extend(pictures)
-        write_paper_report(content, pictures, file)
+        write_paper_report(content, pictures, path)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("symcal.paper.report.write_paper_report", recorded)

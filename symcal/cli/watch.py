@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from symcal.cli.app import Calibrated, Quiet, Seed
+from symcal.watch import ALPHA, OFFSET, POSES
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -20,12 +21,12 @@ def watch(
     calibrated: Calibrated,
     data: Annotated[Path | None, typer.Option("--data", metavar="CSV", help="today's readings: check by these")] = None,
     plan: Annotated[bool, typer.Option("--plan", help="choose the poses of a check instead")] = False,
-    poses: Annotated[int, typer.Option("--poses", min=1, help="of a plan")] = 8,
+    poses: Annotated[int, typer.Option("--poses", min=1, help="of a plan")] = POSES,
     moved: Annotated[bool, typer.Option("--moved", help="the instrument was set up anew")] = False,
-    alpha: Annotated[float, typer.Option("--alpha", help="share of good checks that raise a false alarm")] = 0.05,
+    alpha: Annotated[float, typer.Option("--alpha", help="share of good checks that raise a false alarm")] = ALPHA,
     offset: Annotated[
         str, typer.Option("--offset", metavar="0.5mrad,0.1mm", help="of a joint, that is to be found")
-    ] = "0.5mrad,0.1mm",
+    ] = OFFSET,
     experiment: Annotated[
         Path | None, typer.Option("--experiment", metavar="YAML", help="whose area and constraints a plan keeps")
     ] = None,

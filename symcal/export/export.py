@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -104,10 +104,9 @@ def _made(robot: Robot, to: str, approximate: bool) -> _Made:
     if to == "offsets":
         found = joint_offsets(robot)
         files = offset_files(found)
-        nominal = replace(robot.nominal(), tool=robot.tool, terms=())
         return _Made(
             files,
-            proof=proof(found.robot, files, partial(offset_poses, nominal=nominal), ("yourdfpy",)),
+            proof=proof(found.robot, files, partial(offset_poses, nominal=found.nominal), ("yourdfpy",)),
             notes=(f"{found.text[0].upper()}{found.text[1:]}",),
         )
     left = check_carries(robot, "urdf", approximate)

@@ -35,11 +35,13 @@ _STEPS = 4  # of Gauss-Newton: the zeros are mrad, two do
 class JointOffsets:
     """What to add to each reading, shape (dof,), rad or mm.
 
-    robot: the nominal arm with these zeros. nominal_mm, offsets_mm: rms distance between its tool and that of the
-    calibrated arm over postures within the limits, with the nominal zeros and with these; largest_mm: the largest of
-    the latter. nominal_deg, offsets_deg: the same of the tool's attitude, rms.
+    nominal: the arm before its calibration, with the calibrated tool and no terms. robot: the same with these zeros.
+    nominal_mm, offsets_mm: rms distance between its tool and that of the calibrated arm over postures within the
+    limits, with the nominal zeros and with these; largest_mm: the largest of the latter. nominal_deg, offsets_deg: the
+    same of the tool's attitude, rms.
     """
 
+    nominal: Robot
     robot: Robot
     readings: Array
     nominal_mm: float
@@ -77,7 +79,7 @@ def joint_offsets(robot: Robot) -> JointOffsets:
     before, after = (_differences(calibrated, slopes_of_zeros(each, judged)[0]) for each in (nominal, found))
     (nominal_mm, nominal_deg), (offsets_mm, offsets_deg) = (_sizes(each) for each in (before, after))
     largest = float(np.linalg.norm(after[:, :3], axis=1).max())
-    return JointOffsets(found, shifts / rates, nominal_mm, offsets_mm, largest, nominal_deg, offsets_deg)
+    return JointOffsets(nominal, found, shifts / rates, nominal_mm, offsets_mm, largest, nominal_deg, offsets_deg)
 
 
 def offset_files(found: JointOffsets) -> dict[str, str]:

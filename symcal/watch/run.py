@@ -28,6 +28,7 @@ from symcal.robot.robot import Robot
 from symcal.runs.folder import require_replaceable, run_folder, write_json, write_table
 from symcal.runs.load import load
 from symcal.runs.new_measurements import chosen_instrument, new_measurements
+from symcal.watch import ALPHA, OFFSET, POSES
 from symcal.watch.check import check
 from symcal.watch.history import Row, row, with_row
 from symcal.watch.plan import POOL, plan_check
@@ -37,11 +38,6 @@ from symcal.watch.words import plan_remarks, remarks, verdict
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
-
-OFFSET = "0.5mrad,0.1mm"
-"""Offsets of joints that a check is to find, unless others are wanted."""
-POSES = 8
-ALPHA = 0.05
 
 _RESOLVED = "experiment.resolved.yaml"
 _SNAP = 0.4  # of coordinates at the border of the area, as in plans

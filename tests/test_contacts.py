@@ -453,13 +453,15 @@ def test_a_slip_in_the_joints_is_refused(slip: str, sessions: Path, tmp_path: Pa
 # --------------------------------------------------------------------------------------------------------- real sockets
 
 
-@pytest.mark.usefixtures("symcal_data")
 @pytest.mark.parametrize(
     ("arm", "extend", "most"),
     [("panda_1", "none", 0.66), pytest.param("panda_2", "auto", 0.43, marks=pytest.mark.long)],
 )
-def test_real_sockets_at_other_places_are_met(arm: str, extend: str, most: float, configs: Path) -> None:
+def test_real_sockets_at_other_places_are_met(
+    arm: str, extend: str, most: float, configs: Path, symcal_data: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The mean distance to the group's mean, which the test computes itself from the calibrated robot's poses."""
+    monkeypatch.setenv("SYMCAL_DATA", str(symcal_data))
     experiment = load(configs / "real" / f"{arm}.yaml", overrides=[*QUIET, f"identification.extend={extend}"])
     outcome = identify_experiment(experiment, progress=lambda _: None)
     model, after = outcome.calibration.model, outcome.calibration.states["after"]
